@@ -1,0 +1,177 @@
+"""The settings of a run: one frozen dataclass, from which panel and command line take defaults, ranges and texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from .errors import SettingsError
+
+AUTOMATIC = "auto"
+
+
+def _number(default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None) -> Any:
+    return field(default=default, metadata={"low": low, "high": high, "soft": soft or (low, high), "text": text})
+
+
+def _choice(default: str, text: str, **choices: str) -> Any:
+    return field(default=default, metadata={"choices": choices, "text": text})
+
+
+def _switch(default: bool, text: str) -> Any:
+    return field(default=default, metadata={"text": text})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that determines a result.  The same settings on the same input give the same bytes.
+
+    Each field's metadata holds its range (`low`, `high`; `soft` is what a slider offers) or its `choices`
+    with their descriptions, and a `text` that says effect and cost.  Lengths are in scene units.
+
+    Raises
+    ------
+    SettingsError
+        When a value lies outside of its range; the message names the range.
+    """
+
+    method: str = _choice(
+        "default",
+        "How each patch is fitted",
+        default="Variable projection: Gauss-Newton on the domain with the coefficients eliminated. Most accurate",
+        paper="The augmented-Lagrangian iteration of the paper, as printed. Slower and less accurate",
+        traditional="Sparse fit on the fixed initial domain. Fast; rounds creases off",
+    )
+    ring: int = _number(
+        7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12)
+    )
+    degree: int = _number(
+        14, 0, 30, "Highest total degree of the polynomials that a patch may use. Cost grows with its square", soft=(2, 20)
+    )
+    sparsity: int = _number(
+        15, 1, 496, "How many polynomials each coordinate of a patch may use. Higher: closer fit, more time", soft=(3, 60)
+    )
+    automatic_sparsity: bool = _switch(
+        False, "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Twice the time"
+    )
+    domains: str = _choice(
+        "common",
+        "Whether x, y and z share one optimised domain",
+        common="One domain for the three coordinates",
+        separate="A domain for each coordinate: 2 to 4 times more accurate, twice the time, three times the storage",
+    )
+    initial_domain: str = _choice(
+        "lscm",
+        "Parameterisation from which the optimisation starts",
+        lscm="Least squares conformal map with a free border",
+        harmonic="Discrete conformal (harmonic) map to a circle",
+        tutte="Tutte's embedding in a circle",
+    )
+    iterations: int = _number(15, 0, 200, "Steps of the domain optimisation. Time is proportional", soft=(4, 40))
+    sweeps: int = _number(
+        1, 0, 20, "Gauss-Seidel passes that make overlapping patches agree. Each costs a fifth of the solve", soft=(0, 5)
+    )
+    blending: str = _choice(
+        AUTOMATIC,
+        "Weights with which overlapping patches are blended",
+        auto="Partition of unity for the default method, uniform for the paper's methods",
+        partition="Partition of unity: fades to zero at a patch's rim, so the surface has no seams",
+        uniform="The paper's plain average; jumps where a patch ends",
+    )
+    basis: str = _choice(
+        AUTOMATIC,
+        "Polynomial basis of the dictionary",
+        auto="Legendre for the default method, monomials for the paper's methods",
+        legendre="Products of Legendre polynomials",
+        monomial="Monomials, as in the paper",
+    )
+    pursuit: str = _choice(
+        AUTOMATIC,
+        "How the polynomials of a patch are selected",
+        auto="Orthogonal least squares for the default method, matching pursuit for the paper's methods",
+        ols="Orthogonal least squares with one replacement pass",
+        omp="Orthogonal matching pursuit",
+    )
+    beta1: float = _number(0.2, 0.0, 1e6, "Weight that holds the domain near its start (eq. 4)", soft=(0.0, 1.0))
+    beta2: float = _number(0.1, 0.0, 1e6, "Weight that keeps the domain's triangles rigid (eq. 4)", soft=(0.0, 1.0))
+    rho: float = _number(0.1, 1e-6, 1e6, "Penalty factor of the paper's iteration (section 3.3)", soft=(0.01, 100.0))
+    tau: float = _number(1.0, 0.0, 2.0, "Multiplier step of the paper's iteration (section 3.3)", soft=(0.0, 1.0))
+    initial_fit: str = _choice(
+        "zero",
+        "Start of the auxiliary variable f of the paper's iteration",
+        zero="f = 0, as printed; the first iteration then selects nothing",
+        data="f = b, the data",
+    )
+    data_scaling: str = _choice(
+        "patch",
+        "Meaning of beta1 in the paper's iteration",
+        patch="Per vertex: the weight is divided by nothing and domain and values share the patch's scale",
+        printed="As printed, on the unitised model",
+    )
+    tolerance: float = _number(
+        0.0, 0.0, 1e12, "Largest allowed surface error in scene units; patches are refined until it is kept. 0: off"
+    )
+    adaptive: bool = _switch(True, "Split patches whose initial domain is badly squeezed into smaller rings before solving")
+    fine_creases: bool = _switch(False, "Split domain triangles along creases: sharper creases, more time")
+    pin_boundary: bool = _switch(False, "Keep the vertices of open borders where they are")
+    workers: int = _number(
+        0, 0, 256, "Processes that solve patches. 0: one for each physical core; 1: all in this process", soft=(0, 32)
+    )
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            _check(item.name, getattr(self, item.name), item.metadata, type(item.default))
+
+    def resolved(self) -> Settings:
+        """Return the settings with every automatic choice replaced by what the method uses."""
+        own = self.method == "default"
+        choices = {
+            "blending": "partition" if own else "uniform",
+            "basis": "legendre" if own else "monomial",
+            "pursuit": "ols" if own else "omp",
+        }
+        return replace(self, **{name: value for name, value in choices.items() if getattr(self, name) == AUTOMATIC})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the settings as plain values, in the order of the fields."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Settings:
+        """Build settings from plain values; unknown names are refused.
+
+        Raises
+        ------
+        SettingsError
+            On an unknown name or a value outside of its range.
+        """
+        known = {item.name for item in fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise SettingsError(f"There is no setting named {unknown[0]!r}.")
+        return cls(**values)
+
+
+def _check(name: str, value: object, metadata: Mapping[str, Any], kind: type) -> None:
+    if "choices" in metadata:
+        if value not in metadata["choices"]:
+            raise SettingsError(f"{name} must be one of {', '.join(metadata['choices'])}, not {value!r}.")
+    elif kind is bool:
+        if not isinstance(value, bool):
+            raise SettingsError(f"{name} must be true or false, not {value!r}.")
+    else:
+        whole = kind is int
+        number = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+        if not number or not metadata["low"] <= value <= metadata["high"]:  # type: ignore[operator]
+            a = "a whole number" if whole else "a number"
+            raise SettingsError(f"{name} must be {a} from {metadata['low']:g} to {metadata['high']:g}, not {value!r}.")
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "paper": {"method": "paper", "sweeps": 2},
+    "fast": {"iterations": 6, "sweeps": 0},
+    "precise": {"domains": "separate"},
+}
+"""Named deviations from the defaults, the same in the panel and on the command line."""
