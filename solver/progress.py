@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 Result = TypeVar("Result")
 
+FINISH = "finish"
+"""Sent into the work to say: stop refining and return the best result so far."""
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -38,31 +41,38 @@ class Progress:
     vertices: NDArray[np.float64] | None = None
 
 
-Steps = Generator[Progress, None, Result]
+Steps = Generator[Progress, str | None, Result]
+"""Long work: yields `Progress`, takes `None` (go on) or `FINISH`, returns its result."""
 
 
-def run_to_end(steps: Steps[Result], report: Callable[[Progress], None] | None = None) -> Result:
+def run_to_end(steps: Steps[Result], report: Callable[[Progress], str | None] | None = None) -> Result:
     """Pump `steps` to its end and return its result, handing each `Progress` to `report`.
 
-    An exception that `report` raises (for example `Cancelled`) closes the work and passes through.
+    What `report` returns is sent into the work: `None` to go on, `FINISH` to end it early with the best
+    result so far.  An exception that `report` raises (for example `Cancelled`) closes the work and passes
+    through.
     """
+    request: str | None = None
     try:
         while True:
             try:
-                step = next(steps)
+                step = steps.send(request)
             except StopIteration as end:
                 return end.value  # type: ignore[no-any-return]
-            if report is not None:
-                report(step)
+            request = report(step) if report is not None else None
     finally:
         steps.close()
 
 
 def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
-    """Squeeze the fractions of a sub-computation into [start, end] of the whole."""
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as stop:
-            return stop.value  # type: ignore[no-any-return]
-        yield Progress(step.stage, start + (end - start) * step.fraction, step.detail, step.vertices)
+    """Squeeze the fractions of a sub-computation into [start, end] of the whole; requests pass through."""
+    request: str | None = None
+    try:
+        while True:
+            try:
+                step = steps.send(request)
+            except StopIteration as stop:
+                return stop.value  # type: ignore[no-any-return]
+            request = yield Progress(step.stage, start + (end - start) * step.fraction, step.detail, step.vertices)
+    finally:
+        steps.close()
