@@ -1,0 +1,71 @@
+# Every target sets up what it needs in .venv by itself.  `make help` lists them.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+VENV := .venv
+PY := $(VENV)/bin/python
+# One BLAS thread a process: the solver's small stacked products only lose by more.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+export PYTHONDONTWRITEBYTECODE ?= 1
+
+MODEL ?=
+PLATFORMS ?=
+PYTEST ?=
+
+.PHONY: help venv demo test test-solver test-tools test-blender test-long test-matrix test-window lint format build bench \
+	figures clean
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 24
+
+venv: ## set up .venv (Python 3.11 or 3.13 as found, or PYTHON=...)
+	@python="$$(scripts/find_python.sh 3.11 3.13)" && \
+		"$$python" scripts/environment.py $(VENV) development solver blender --editable
+
+demo: venv ## approximate two models, or MODEL=file, in Blender; results in out/
+	@$(PY) scripts/demo.py $(if $(MODEL),"$(MODEL)")
+
+test: test-solver test-tools test-blender ## all tests that need no window
+
+test-solver: venv ## tests of the solver, with bpy out of reach
+	@$(PY) -m pytest -m "not long" tests/solver $(PYTEST)
+
+test-tools: venv ## tests of the command line, the packaging and the architecture
+	@$(PY) -m pytest -m "not long" tests --ignore=tests/solver --ignore=tests/blender $(PYTEST)
+
+test-blender: venv ## tests under bpy on the installed zip
+	@$(PY) -m pytest -m "not long" tests/blender $(PYTEST)
+
+test-long: venv ## the tests that take minutes: thousands of generated meshes, long runs
+	@$(PY) -m pytest -m long tests --ignore=tests/blender $(PYTEST)
+
+test-matrix: venv ## the Blender tests on every supported bpy, the solver tests on every supported NumPy
+	@$(PY) scripts/test_matrix.py $(MATRIX)
+
+test-window: venv ## the tests in a real Blender window (BLENDER=executable, or ../shared/tools/real-blender)
+	@$(PY) scripts/test_window.py $(WINDOW)
+
+lint: venv ## ruff (lint and format) and mypy
+	@$(PY) -m ruff check .
+	@$(PY) -m ruff format --check .
+	@$(PY) scripts/type_check.py
+
+format: venv ## format the code
+	@$(PY) -m ruff check --fix .
+	@$(PY) -m ruff format .
+
+build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..." for some of them)
+	@$(PY) scripts/build_extension.py $(PLATFORMS)
+
+bench: venv ## time the solver, in units of a matrix product
+	@$(PY) -m sparse_surface benchmark $(BENCH)
+
+figures: venv ## make the pictures of docs/ anew
+	@$(PY) scripts/figures.py $(FIGURES)
+
+clean: ## remove what the targets made, but for the environments and the wheels
+	@rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache
+	@find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
