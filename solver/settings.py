@@ -11,11 +11,13 @@ from .errors import SettingsError
 AUTOMATIC = "auto"
 
 
-def _number(default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None) -> Any:
+def _number(
+    default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None
+) -> Any:
     return field(default=default, metadata={"low": low, "high": high, "soft": soft or (low, high), "text": text})
 
 
-def _choice(default: str, text: str, **choices: str) -> Any:
+def _choice(default: str, text: str, /, **choices: str) -> Any:
     return field(default=default, metadata={"choices": choices, "text": text})
 
 
@@ -43,14 +45,20 @@ class Settings:
         paper="The augmented-Lagrangian iteration of the paper, as printed. Slower and less accurate",
         traditional="Sparse fit on the fixed initial domain. Fast; rounds creases off",
     )
-    ring: int = _number(
-        7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12)
-    )
+    ring: int = _number(7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12))
     degree: int = _number(
-        14, 0, 30, "Highest total degree of the polynomials that a patch may use. Cost grows with its square", soft=(2, 20)
+        14,
+        0,
+        30,
+        "Highest total degree of the polynomials that a patch may use. Cost grows with its square",
+        soft=(2, 20),
     )
     sparsity: int = _number(
-        15, 1, 496, "How many polynomials each coordinate of a patch may use. Higher: closer fit, more time", soft=(3, 60)
+        15,
+        1,
+        496,
+        "How many polynomials each coordinate of a patch may use. Higher: closer fit, more time",
+        soft=(3, 60),
     )
     automatic_sparsity: bool = _switch(
         False, "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Twice the time"
@@ -70,7 +78,11 @@ class Settings:
     )
     iterations: int = _number(15, 0, 200, "Steps of the domain optimisation. Time is proportional", soft=(4, 40))
     sweeps: int = _number(
-        1, 0, 20, "Gauss-Seidel passes that make overlapping patches agree. Each costs a fifth of the solve", soft=(0, 5)
+        1,
+        0,
+        20,
+        "Gauss-Seidel passes that make overlapping patches agree. Each costs a fifth of the solve",
+        soft=(0, 5),
     )
     blending: str = _choice(
         AUTOMATIC,
@@ -112,7 +124,9 @@ class Settings:
     tolerance: float = _number(
         0.0, 0.0, 1e12, "Largest allowed surface error in scene units; patches are refined until it is kept. 0: off"
     )
-    adaptive: bool = _switch(True, "Split patches whose initial domain is badly squeezed into smaller rings before solving")
+    adaptive: bool = _switch(
+        True, "Split patches whose initial domain is badly squeezed into smaller rings before solving"
+    )
     fine_creases: bool = _switch(False, "Split domain triangles along creases: sharper creases, more time")
     pin_boundary: bool = _switch(False, "Keep the vertices of open borders where they are")
     workers: int = _number(
@@ -131,7 +145,8 @@ class Settings:
             "basis": "legendre" if own else "monomial",
             "pursuit": "ols" if own else "omp",
         }
-        return replace(self, **{name: value for name, value in choices.items() if getattr(self, name) == AUTOMATIC})
+        changes: dict[str, Any] = {name: value for name, value in choices.items() if getattr(self, name) == AUTOMATIC}
+        return replace(self, **changes)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the settings as plain values, in the order of the fields."""
@@ -163,7 +178,7 @@ def _check(name: str, value: object, metadata: Mapping[str, Any], kind: type) ->
     else:
         whole = kind is int
         number = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        if not number or not metadata["low"] <= value <= metadata["high"]:  # type: ignore[operator]
+        if not number or not metadata["low"] <= value <= metadata["high"]:
             a = "a whole number" if whole else "a number"
             raise SettingsError(f"{name} must be {a} from {metadata['low']:g} to {metadata['high']:g}, not {value!r}.")
 
