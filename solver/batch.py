@@ -1,0 +1,225 @@
+"""Like-sized patches padded to 3-D arrays, so that one NumPy call serves many of them.
+
+A *problem* is a domain with the signals that share it: with common domains a patch is one problem with the signals x, y, z,
+with separate domains it is three problems with one signal each.  Every problem is moved and scaled, domain and values by the
+same factor, so that its initial domain lies in [-1, 1]^2.
+
+The function is observed at the patch's vertices and at its triangles' centroids, through the piecewise linear domain
+transformation: without the centroids the surface would oscillate between the vertices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from .domain_energy import DomainEnergy
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One domain with its D signals, in scene units.
+
+    Attributes
+    ----------
+    domain
+        Initial domain U0, (m, 2).
+    triangles
+        (t, 3), numbers of the patch's vertices.
+    values
+        Signals at the vertices, (m, D).
+    centroid_values
+        Signals at the triangles' centroids, (t, D).
+    vertex_weights, centroid_weights
+        Weights of the observations at vertices (m,) and triangle centroids (t,).
+    degree
+        Highest total degree that this problem may use.
+    warm
+        Where to start instead of the initial domain with a fresh choice of functions.
+    """
+
+    domain: Array
+    triangles: Indices
+    values: Array
+    centroid_values: Array
+    vertex_weights: Array
+    centroid_weights: Array
+    degree: int
+    warm: WarmStart | None = None
+
+
+@dataclass(frozen=True)
+class WarmStart:
+    """A problem's earlier solution: its frame, its domain in that frame (m, 2), and the chosen functions (D, s)."""
+
+    frame: Frame
+    domain: Array
+    support: Indices
+
+
+@dataclass(frozen=True)
+class Frame:
+    """How a problem was moved, turned and scaled: domain = (u - centre) turn scale, values = (b - origin) scale."""
+
+    centre: Array
+    turn: Array
+    origin: Array
+    scale: float
+
+    def put_in(self, domain: Array) -> Array:
+        """Parameters (N, 2) of the patch's own domain in this frame."""
+        inside: Array = (domain - self.centre) @ self.turn * self.scale
+        return inside
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B padded problems with m vertices, t triangles, N = m + t observations and D signals each.
+
+    Attributes
+    ----------
+    frames
+        Frame of each problem.
+    sizes
+        Number of real vertices of each problem, (B,).
+    start
+        Initial domains, (2, B, m).
+    values
+        Observed values, (B, D, N).
+    root_weights
+        Square roots of the observation weights, (B, 1, N); zero on padding.
+    degrees
+        Highest total degree of each problem, (B,).
+    energy
+        Regularisation of all the domains, on the flattened vertices.
+    observe, collect
+        Sparse matrix W from vertices to observations, (B N, B m), and its transpose.
+    diagonal
+        Transpose of W with squared entries, for the preconditioner.
+    """
+
+    frames: list[Frame]
+    sizes: Indices
+    start: Array
+    values: Array
+    root_weights: Array
+    degrees: Indices
+    energy: DomainEnergy
+    observe: sp.csr_matrix
+    collect: sp.csr_matrix
+    diagonal: sp.csr_matrix
+
+    @property
+    def problems(self) -> int:
+        """Number of problems, B."""
+        return len(self.sizes)
+
+    def by_problem(self, flat: Array) -> Array:
+        """View an array over flattened vertices, triangles or observations (..., B x) as (..., B, x)."""
+        return flat.reshape(*flat.shape[:-1], self.problems, -1)
+
+    def observed(self, domain: Array) -> Array:
+        """Parameters of the observations, (2, B, N), from those of the vertices, (2, B, m)."""
+        flat = domain.reshape(2, -1)
+        return np.stack([self.by_problem(self.observe @ flat[0]), self.by_problem(self.observe @ flat[1])])
+
+    def collected(self, forces: Array) -> Array:
+        """W^T: sum what acts on observations (2, B, N) at the vertices, (2, B, m)."""
+        flat = forces.reshape(2, -1)
+        return np.stack([self.by_problem(self.collect @ flat[0]), self.by_problem(self.collect @ flat[1])])
+
+
+def build_batch(problems: list[Problem]) -> Batch:
+    """Pad problems to common sizes and put them in their frames."""
+    frames = [problem.warm.frame if problem.warm else frame_of(problem) for problem in problems]
+    count, most = len(problems), max(len(problem.domain) for problem in problems)
+    faces = max(len(problem.triangles) for problem in problems)
+    signals = problems[0].values.shape[1]
+    start = np.zeros((2, count, most))
+    values = np.zeros((count, signals, most + faces))
+    weights = np.zeros((count, 1, most + faces))
+    triangles = np.zeros((count, faces, 3), dtype=np.int64)
+    for k, (problem, frame) in enumerate(zip(problems, frames, strict=True)):
+        m, t = len(problem.domain), len(problem.triangles)
+        start[:, k, :m] = frame.put_in(problem.domain).T
+        triangles[k, :t] = problem.triangles
+        values[k, :, :m] = ((problem.values - frame.origin) * frame.scale).T
+        values[k, :, most : most + t] = ((problem.centroid_values - frame.origin) * frame.scale).T
+        weights[k, 0, :m] = problem.vertex_weights
+        weights[k, 0, most : most + t] = problem.centroid_weights
+    flat = (triangles + most * np.arange(count)[:, None, None]).reshape(-1, 3)
+    observe = _observation_matrix(flat, count, most, faces)
+    collect = observe.T.tocsr()
+    squared = collect.copy()
+    squared.data **= 2
+    return Batch(
+        frames,
+        np.array([len(problem.domain) for problem in problems]),
+        start,
+        values,
+        np.sqrt(weights),
+        np.array([problem.degree for problem in problems]),
+        DomainEnergy.of(start.reshape(2, -1), flat),
+        observe,
+        collect,
+        squared,
+    )
+
+
+def warm_domains(problems: list[Problem], start: Array) -> Array:
+    """Domains from which to start, (2, B, m): the earlier solution where a problem has one, else `start`."""
+    domains = start.copy()
+    for k, problem in enumerate(problems):
+        if problem.warm is not None:
+            domains[:, k, : len(problem.domain)] = problem.warm.domain.T
+    return domains
+
+
+def frame_of(problem: Problem) -> Frame:
+    """Frame that puts a problem's initial domain into [-1, 1]^2, its axes along the signals' principal directions."""
+    turn = principal_axes(problem.domain, problem.values)
+    turned = problem.domain @ turn
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    reach = float((high - low).max()) / 2.0
+    centre = (low + high) / 2.0 @ turn.T
+    return Frame(centre, turn, problem.values.mean(axis=0), 1.0 / reach if reach > 0.0 else 1.0)
+
+
+def principal_axes(domain: Array, values: Array) -> Array:
+    """Rotation (2, 2) whose columns are the directions in which the signals bend most and least.
+
+    A quadratic is fitted to each signal; the axes are the eigenvectors of the sum of its squared Hessians.  Products of
+    one-variable polynomials represent a crease far more easily when it runs along an axis.
+    """
+    centred = domain - domain.mean(axis=0)
+    reach = np.abs(centred).max()
+    if reach == 0.0:
+        return np.eye(2)
+    u, v = centred.T / reach
+    quadratic = np.linalg.lstsq(np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1), values, rcond=1e-8)[0]
+    hessians = np.array([[2 * quadratic[3], quadratic[4]], [quadratic[4], 2 * quadratic[5]]])
+    _, axes = np.linalg.eigh(np.einsum("abd,bcd->ac", hessians, hessians))
+    axes = axes[:, ::-1]
+    # Eigenvectors have no sign of their own: point the first one right, and keep the orientation.
+    if axes[0, 0] < 0.0 or (axes[0, 0] == 0.0 and axes[1, 0] < 0.0):
+        axes = -axes
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 1] = -axes[:, 1]
+    return np.asarray(axes)
+
+
+def _observation_matrix(triangles: Indices, count: int, vertices: int, faces: int) -> sp.csr_matrix:
+    """Rows: each problem's vertices, then its triangles' centroids."""
+    own = np.arange(count)[:, None] * (vertices + faces)
+    at_vertices = (own + np.arange(vertices)).ravel()
+    at_centroids = np.repeat((own + vertices + np.arange(faces)).ravel(), 3)
+    rows = np.concatenate([at_vertices, at_centroids])
+    columns = np.concatenate([np.arange(count * vertices), triangles.ravel()])
+    entries = np.concatenate([np.ones(count * vertices), np.full(triangles.size, 1.0 / 3.0)])
+    return sp.csr_matrix((entries, (rows, columns)), shape=(count * (vertices + faces), count * vertices))

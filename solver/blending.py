@@ -1,0 +1,67 @@
+"""Blending weights of overlapping patches (section 4.2).
+
+The paper averages the patches at every point.  Evaluated between vertices that average jumps where a patch ends, so the default
+weights form a partition of unity instead: piecewise linear on the mesh, zero on a patch's rim, one in sum.  The blended surface is
+then continuous everywhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .mesh import TriangleMesh
+from .patches import Patches
+
+PLATEAU = 0.05
+"""Share of weight that a patch's fit gives to points which blending ignores."""
+
+
+def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray[np.float64]:
+    """Weight of each patch at each of its vertices, phi_k(p), (M,).
+
+    Parameters
+    ----------
+    mesh, patches
+        The cover.
+    kind
+        "partition": hop distance to the rim, divided by its sum over the patches; zero at vertices that pass through.
+        "uniform": 1 / n_p with n_p the number of patches that contain the vertex (eq. 6).
+    """
+    passed = mesh.passed_through[patches.vertices]
+    raw = np.where(passed, 0.0, patches.rim_distance if kind == "partition" else 1.0).astype(np.float64)
+    total = np.bincount(patches.vertices, weights=raw, minlength=len(mesh.vertices))
+    return np.divide(raw, total[patches.vertices], out=np.zeros_like(raw), where=raw > 0.0)
+
+
+def fitting_weights(
+    weights: NDArray[np.float64], triangles: NDArray[np.int64], centroid_weight: float, kind: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Observation weights of one patch: it is fitted with the weight that it has in the blend.
+
+    The rim has no weight after blending, so it need not be fitted well: w = w0 (phi^2 + 0.05), rescaled to the sum of w0.
+
+    Parameters
+    ----------
+    weights
+        Blending weights phi at the patch's vertices, (m,).
+    triangles
+        (t, 3).
+    centroid_weight
+        w0 of a triangle's centroid; that of a vertex is 1.
+    kind
+        "partition" or "uniform"; uniform blending is fitted with uniform weights.
+
+    Returns
+    -------
+    at_vertices, at_centroids
+        (m,) and (t,).
+    """
+    at_vertices, at_centroids = np.ones(len(weights)), np.full(len(triangles), centroid_weight)
+    if kind == "uniform":
+        return at_vertices, at_centroids
+    before = at_vertices.sum() + at_centroids.sum()
+    at_vertices *= weights**2 + PLATEAU
+    at_centroids *= weights[triangles].mean(axis=1) ** 2 + PLATEAU
+    scale = before / (at_vertices.sum() + at_centroids.sum())
+    return at_vertices * scale, at_centroids * scale

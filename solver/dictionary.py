@@ -1,0 +1,175 @@
+"""The dictionary of basis functions: all bivariate polynomials of total degree <= t (eq. 1).
+
+A function is the product of two one-variable polynomials, p(u, v) = q_i(u) q_j(v) with i + j <= t.  Arrays keep
+functions before points, so that selecting functions copies whole rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEGENDRE_SUPPORT = 1.05
+"""Legendre polynomials are stretched to [-1.05, 1.05]: the optimised domain may leave [-1, 1] a little."""
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """All products q_i(u) q_j(v) of total degree i + j <= `degree`.
+
+    Attributes
+    ----------
+    degree
+        Highest total degree t.
+    basis
+        "legendre" or "monomial".
+    """
+
+    degree: int
+    basis: str
+
+    @property
+    def degrees(self) -> NDArray[np.int64]:
+        """Degrees (i, j) of the functions, (n, 2), ordered by total degree."""
+        pairs = [(total - j, j) for total in range(self.degree + 1) for j in range(total + 1)]
+        return np.array(pairs, dtype=np.int64)
+
+    @property
+    def size(self) -> int:
+        """Number of functions, n = (t + 1)(t + 2) / 2."""
+        return (self.degree + 1) * (self.degree + 2) // 2
+
+    def names(self) -> list[str]:
+        """Readable names of the functions, such as "P2(u) P1(v)" or "u^2 v"."""
+        return [self._name(int(i), int(j)) for i, j in self.degrees]
+
+    def _name(self, i: int, j: int) -> str:
+        if self.basis == "legendre":
+            factors = [f"P{k}({x})" for k, x in ((i, "u"), (j, "v")) if k]
+        else:
+            factors = [x if k == 1 else f"{x}^{k}" for k, x in ((i, "u"), (j, "v")) if k]
+        return " ".join(factors) or "1"
+
+    def tables(self, parameter: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of the one-variable polynomials q_0 .. q_t.
+
+        Parameters
+        ----------
+        parameter
+            One parameter, u or v, of every point, shape (..., N).
+
+        Returns
+        -------
+        ndarray
+            Shape (..., t + 1, N).
+        """
+        x = parameter / LEGENDRE_SUPPORT if self.basis == "legendre" else parameter
+        table = np.empty((*x.shape[:-1], self.degree + 1, x.shape[-1]))
+        table[..., 0, :] = 1.0
+        if self.degree >= 1:
+            table[..., 1, :] = x
+        for k in range(1, self.degree):
+            if self.basis == "legendre":
+                # Bonnet's recursion
+                table[..., k + 1, :] = ((2 * k + 1) * x * table[..., k, :] - k * table[..., k - 1, :]) / (k + 1)
+            else:
+                table[..., k + 1, :] = x * table[..., k, :]
+        return table
+
+    def derivative_tables(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
+        """First derivatives of the one-variable polynomials, from their values.
+
+        Parameters
+        ----------
+        table
+            What `tables` returned, (..., t + 1, N).
+
+        Returns
+        -------
+        ndarray
+            Shape (..., t + 1, N).
+        """
+        slope = np.zeros_like(table)
+        for k in range(1, self.degree + 1):
+            if self.basis == "legendre":
+                # P'_k = P'_{k-2} + (2k - 1) P_{k-1}, chain rule for the stretched support
+                slope[..., k, :] = (2 * k - 1) / LEGENDRE_SUPPORT * table[..., k - 1, :]
+                if k >= 2:
+                    slope[..., k, :] += slope[..., k - 2, :]
+            else:
+                slope[..., k, :] = k * table[..., k - 1, :]
+        return slope
+
+    def evaluate(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of every function.
+
+        Parameters
+        ----------
+        domain
+            Parameters (2, ..., N): u first, then v.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., n, N).
+        """
+        i, j = self.degrees.T
+        values = self.tables(domain[0])[..., i, :]
+        values *= self.tables(domain[1])[..., j, :]
+        return values
+
+
+def coefficient_grid(
+    degrees: NDArray[np.int64], support: NDArray[np.int64], coefficients: NDArray[np.float64], degree: int
+) -> NDArray[np.float64]:
+    """Spread sparse coefficients over the (t + 1) x (t + 1) grid of degrees (i, j).
+
+    With the grid C the function is h = sum_i q_i(u) (C q(v))_i: two small matrix products whatever was selected.
+
+    Parameters
+    ----------
+    degrees
+        Degrees of the dictionary's functions, (n, 2).
+    support
+        Selected functions, (..., s).  A function may stand twice; its coefficients add up.
+    coefficients
+        Their coefficients, (..., s).
+    degree
+        Highest total degree t.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., t + 1, t + 1).
+    """
+    grid = np.zeros((*support.shape[:-1], (degree + 1) ** 2))
+    place = degrees[support, 0] * (degree + 1) + degrees[support, 1]
+    flat_grid, flat_place = grid.reshape(-1, grid.shape[-1]), place.reshape(-1, place.shape[-1])
+    rows = np.arange(len(flat_grid))[:, None]
+    np.add.at(flat_grid, (rows, flat_place), coefficients.reshape(flat_place.shape))
+    return grid.reshape(*support.shape[:-1], degree + 1, degree + 1)
+
+
+def combine(
+    grid: NDArray[np.float64], u_table: NDArray[np.float64], v_table: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Value of h = sum_ij C_ij q_i(u) q_j(v).
+
+    Parameters
+    ----------
+    grid
+        Coefficients C, (..., t + 1, t + 1).
+    u_table, v_table
+        Values (or derivatives) of the one-variable polynomials, (..., t + 1, N), broadcast against `grid`.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., N).
+    """
+    product = np.matmul(grid, v_table)
+    product *= u_table
+    total: NDArray[np.float64] = product.sum(axis=-2)
+    return total

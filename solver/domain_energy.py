@@ -1,0 +1,134 @@
+"""Regularisation of the domain: Q(U) = beta1 Q1(U) + beta2 Q2(U) (eq. 4).
+
+Q1 holds every parameter near its start; Q2 sums (s1 - 1)^2 + (s2 - 1)^2 over the triangles, with s1, s2 the *signed* singular
+values of the Jacobian J of the domain transformation U0 -> U, weighted with the triangle's area.  In closed form
+
+    (s1 - 1)^2 + (s2 - 1)^2 = |J|^2 + 2 - 2 sqrt((J11 + J22)^2 + (J12 - J21)^2),
+
+which is |J - R|^2 with R the rotation nearest to J (Liu et al. 2008, section 4.4); being signed it also resists flips.
+Domains are stored component first, (2, N): all u, then all v, of all patches of a batch behind each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class DomainEnergy:
+    """Q1, Q2 and their derivatives on given triangulations; N vertices, T triangles, any number of patches at once.
+
+    Attributes
+    ----------
+    start
+        Initial domain U0, (2, N).
+    area
+        Areas of the initial domain's triangles, (T,).
+    along_u, along_v
+        Sparse (T, N): derivatives along u and v of a piecewise linear function on the initial domain.
+    """
+
+    start: NDArray[np.float64]
+    area: NDArray[np.float64]
+    along_u: sp.csr_matrix
+    along_v: sp.csr_matrix
+
+    @classmethod
+    def of(cls, start: NDArray[np.float64], triangles: NDArray[np.int64]) -> DomainEnergy:
+        """Energy of transformations of the domain `start` (2, N) with `triangles` (T, 3).
+
+        Triangles without area (padding) weigh nothing and have a zero Jacobian.
+        """
+        a, b, c = (start[:, triangles[:, k]] for k in range(3))
+        doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        inverse = np.divide(1.0, doubled, out=np.zeros_like(doubled), where=doubled != 0.0)
+        # gradient of the hat function of a vertex: the opposite edge, turned by a right angle, over the doubled area
+        opposite = np.stack([c - b, a - c, b - a], axis=-1)
+        rows = np.repeat(np.arange(len(triangles)), 3)
+        shape = (len(triangles), start.shape[1])
+        along_u = sp.csr_matrix(((-opposite[1] * inverse[:, None]).ravel(), (rows, triangles.ravel())), shape=shape)
+        along_v = sp.csr_matrix(((opposite[0] * inverse[:, None]).ravel(), (rows, triangles.ravel())), shape=shape)
+        return cls(start, np.abs(doubled) / 2.0, along_u, along_v)
+
+    def jacobian(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Jacobian of the transformation U0 -> `domain` (2, N) on every triangle, (2, 2, T)."""
+        return np.array([[self.along_u @ x, self.along_v @ x] for x in domain])
+
+    def proximity(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Q1 by vertex: squared distances from the initial domain, (N,)."""
+        distance: NDArray[np.float64] = ((domain - self.start) ** 2).sum(axis=0)
+        return distance
+
+    def rigidity(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Q2 by triangle: area times |J - R|^2, (T,)."""
+        norm = (jacobian**2).sum(axis=(0, 1))
+        length = np.hypot(jacobian[0, 0] + jacobian[1, 1], jacobian[0, 1] - jacobian[1, 0])
+        return self.area * np.maximum(norm + 2.0 - 2.0 * length, 0.0)
+
+    def rigidity_gradient(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Gradient of the summed Q2 with respect to the domain, (2, N): 2 D^T A (J - R)."""
+        force = 2.0 * self.area * (jacobian - nearest_rotation(jacobian))
+        return np.array([self.along_u.T @ row[0] + self.along_v.T @ row[1] for row in force])
+
+    def laplacian(self) -> sp.csr_matrix:
+        """Half the Hessian of Q2 with the rotations held: the area-weighted Laplacian of the initial domain, (N, N)."""
+        weight = sp.diags(self.area)
+        return (self.along_u.T @ weight @ self.along_u + self.along_v.T @ weight @ self.along_v).tocsr()
+
+
+def nearest_rotation(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotations nearest to the matrices `jacobian` (2, 2, T); the identity where every rotation is as near."""
+    cosine = jacobian[0, 0] + jacobian[1, 1]
+    sine = jacobian[1, 0] - jacobian[0, 1]
+    length = np.hypot(cosine, sine)
+    flat = length == 0.0
+    safe = np.where(flat, 1.0, length)
+    cosine, sine = np.where(flat, 1.0, cosine / safe), sine / safe
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def determinant(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Determinants of the matrices (2, 2, T), (T,)."""
+    value: NDArray[np.float64] = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
+    return value
+
+
+def largest_step(
+    jacobian: NDArray[np.float64], change: NDArray[np.float64], floor: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Largest a >= 0 such that det(J + x dJ) stays at or above `floor` for all x in [0, a].
+
+    The determinant is a quadratic in x, so the answer is exact.
+
+    Parameters
+    ----------
+    jacobian, change
+        J and dJ of every triangle, (2, 2, T).
+    floor
+        Smallest determinant allowed; a triangle that starts below it may not fall further.
+
+    Returns
+    -------
+    ndarray
+        Step for each triangle, (T,); infinite where nothing limits it.
+    """
+    start = determinant(jacobian)
+    square = determinant(change)
+    slope = (
+        jacobian[0, 0] * change[1, 1]
+        + jacobian[1, 1] * change[0, 0]
+        - jacobian[0, 1] * change[1, 0]
+        - jacobian[1, 0] * change[0, 1]
+    )
+    constant = np.maximum(start - floor, 0.0)
+    inner = slope**2 - 4.0 * square * constant
+    # The numerically stable form of the smallest positive root of square x^2 + slope x + constant.
+    below = -slope + np.sqrt(np.maximum(inner, 0.0))
+    step = np.full_like(start, np.inf)
+    crosses = (inner >= 0.0) & (below > 0.0)
+    np.divide(2.0 * constant, below, out=step, where=crosses)
+    return step

@@ -1,0 +1,159 @@
+"""Measures of an approximation, in scene units (DESIGN: surface error, inside triangles, is the one that counts)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .domain_energy import DomainEnergy, determinant
+from .representation import Representation
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_NEAR, _FAR = 0.091576213509771, 0.445948490915965
+SURFACE_SAMPLES = np.array(
+    [
+        [1 - 2 * _NEAR, _NEAR, _NEAR],
+        [_NEAR, 1 - 2 * _NEAR, _NEAR],
+        [_NEAR, _NEAR, 1 - 2 * _NEAR],
+        [1 - 2 * _FAR, _FAR, _FAR],
+        [_FAR, 1 - 2 * _FAR, _FAR],
+        [_FAR, _FAR, 1 - 2 * _FAR],
+    ]
+)
+"""The six fixed interior points of every triangle (Dunavant's rule of degree 4)."""
+
+EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
+"""Where the jump across a patch's rim is measured along an edge."""
+
+
+def statistics(error: Array) -> dict[str, float]:
+    """Root mean square, mean, 95th percentile and maximum of distances; zeros where there are none."""
+    if not len(error):
+        return {"rms": 0.0, "mean": 0.0, "p95": 0.0, "max": 0.0}
+    return {
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "mean": float(error.mean()),
+        "p95": float(np.percentile(error, 95)),
+        "max": float(error.max()),
+    }
+
+
+def surface_error(representation: Representation) -> Array:
+    """|S(x) - x| at the six interior points of every triangle, (T, 6)."""
+    count = len(representation.triangles)
+    face = np.repeat(np.arange(count), len(SURFACE_SAMPLES))
+    corners = np.tile(SURFACE_SAMPLES, (count, 1))
+    flat = np.einsum("sk,tkd->tsd", SURFACE_SAMPLES, representation.vertices[representation.triangles])
+    points = representation.evaluate(face, corners).reshape(count, len(SURFACE_SAMPLES), 3)
+    distance: Array = np.linalg.norm(points - flat, axis=2)
+    return distance
+
+
+def seam(representation: Representation) -> float:
+    """Largest jump of the surface across the patches' rims: the edges between triangles that other patches cover."""
+    first, second, from_first, from_second = _rim_edges(representation)
+    if not len(first):
+        return 0.0
+    jumps = []
+    for share in EDGE_SAMPLES:
+        sides = []
+        for face, ends in ((first, from_first), (second, from_second)):
+            corners = np.zeros((len(face), 3))
+            corners[np.arange(len(face)), ends[:, 0]] = 1.0 - share
+            corners[np.arange(len(face)), ends[:, 1]] = share
+            sides.append(representation.evaluate(face, corners))
+        jumps.append(np.linalg.norm(sides[0] - sides[1], axis=1).max())
+    return float(max(jumps))
+
+
+def _rim_edges(representation: Representation) -> tuple[Indices, Indices, Indices, Indices]:
+    """Pairs of mesh triangles on both sides of rim edges, and the edge's two corners in each."""
+    triangles = representation.triangles
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    key = np.minimum(starts, ends) * len(representation.vertices) + np.maximum(starts, ends)
+    order = np.argsort(key, kind="stable")
+    same = key[order][1:] == key[order][:-1]
+    alone = np.ones(len(same), dtype=bool)
+    # an edge of exactly two triangles: neither the pair before nor the one after shares it
+    alone[1:] &= ~same[:-1]
+    alone[:-1] &= ~same[1:]
+    pair = np.flatnonzero(same & alone)
+    one, other = order[pair], order[pair + 1]
+    cover = _cover_fingerprint(representation)
+    differs = cover[one // 3] != cover[other // 3]
+    one, other = one[differs], other[differs]
+    corners_one = np.stack([one % 3, (one + 1) % 3], axis=1)
+    corners_other = np.stack([other % 3, (other + 1) % 3], axis=1)
+    swapped = triangles[one // 3, corners_one[:, 0]] != triangles[other // 3, corners_other[:, 0]]
+    corners_other[swapped] = corners_other[swapped, ::-1]
+    return one // 3, other // 3, corners_one, corners_other
+
+
+def _cover_fingerprint(representation: Representation) -> Indices:
+    """A number for each triangle that is equal where the same patches cover it."""
+    numbers = np.random.default_rng(0).integers(1, 2**62, size=representation.patches, dtype=np.int64)
+    fingerprint = np.zeros(len(representation.triangles), dtype=np.int64)
+    patch = np.repeat(np.arange(representation.patches), np.diff(representation.triangle_offsets))
+    np.bitwise_xor.at(fingerprint, representation.mesh_triangles, numbers[patch])
+    return fingerprint
+
+
+def normal_error(before: Array, after: Array, triangles: Indices) -> float:
+    """Mean angle between the face normals of two meshes of one topology, degrees; triangles without area do not count."""
+    normals = [_unit_normals(vertices, triangles) for vertices in (before, after)]
+    usable = (np.abs(normals[0]).sum(axis=1) > 0.0) & (np.abs(normals[1]).sum(axis=1) > 0.0)
+    if not usable.any():
+        return 0.0
+    one, other = normals[0][usable], normals[1][usable]
+    # atan2 keeps its precision for small angles, where the arc cosine loses it
+    angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return float(np.degrees(angle).mean())
+
+
+def _unit_normals(vertices: Array, triangles: Indices) -> Array:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+
+
+def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
+    """Jacobians of the domain transformations Phi_k, and the areas of the triangles they start from.
+
+    Returns
+    -------
+    jacobians
+        (2, 2, C, S) for C domains and S patch triangles.
+    area
+        Areas in the initial domains, (C, S).
+    """
+    energies = [DomainEnergy.of(start.T, representation.corners) for start in representation.initial_domains]
+    jacobians = [energy.jacobian(domain.T) for energy, domain in zip(energies, representation.domains, strict=True)]
+    return np.stack(jacobians, axis=2), np.stack([energy.area for energy in energies])
+
+
+def flipped_triangles(jacobians: Array, area: Array) -> int:
+    """Number of patch triangles whose orientation turned in some domain; those without area at the start do not count."""
+    return int(((determinant(jacobians) < 0.0) & (area > 0.0)).sum())
+
+
+def domain_stretch(representation: Representation, jacobians: Array, faces: int) -> Array:
+    """Anisotropy of the domain transformation on every input face, (F,): one where it is conformal, large along creases.
+
+    The ratio of the Jacobian's singular values, averaged over the patches with their blending weights, then over the face's
+    triangles; one on faces that no patch covers.
+    """
+    turn = np.hypot(jacobians[0, 0] + jacobians[1, 1], jacobians[1, 0] - jacobians[0, 1])
+    skew = np.hypot(jacobians[0, 0] - jacobians[1, 1], jacobians[1, 0] + jacobians[0, 1])
+    smaller = np.maximum(np.abs(turn - skew), 1e-6 * (turn + skew))
+    ratio = np.divide(turn + skew, smaller, out=np.ones_like(turn), where=smaller > 0.0).mean(axis=0)
+    weight = representation.weights[representation.corners].mean(axis=1)
+    count = len(representation.triangles)
+    total = np.bincount(representation.mesh_triangles, weights=weight, minlength=count)
+    summed = np.bincount(representation.mesh_triangles, weights=weight * ratio, minlength=count)
+    by_triangle = np.divide(summed, total, out=np.ones(count), where=total > 0.0)
+    triangles = np.maximum(np.bincount(representation.polygon, minlength=faces), 1)
+    by_face = np.bincount(representation.polygon, weights=by_triangle, minlength=faces) / triangles
+    return np.maximum(by_face, 1.0)

@@ -1,0 +1,177 @@
+"""Fitting chunks of patches: from patches with their domains to sparse coefficients, whatever the method.
+
+A chunk is a pure function of its task, so it may run in any process, in any order, with the same result to the last bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from .batch import Frame, Problem, build_batch
+from .blending import fitting_weights
+from .dictionary import Dictionary
+from .mesh import TriangleMesh
+from .patches import Patches
+from .settings import Settings
+from .variable_projection import fitted_values, solve
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SMALL_PATCH = 100
+SMALL_PATCH_DEGREE = 7
+CENTROID_WEIGHT = 0.5
+SMALL_PATCH_CENTROID_WEIGHT = 1.5
+"""Small patches have too few vertices to hold a high degree between them."""
+
+CHUNK_PROBLEMS = 16
+CHUNK_OBSERVATIONS = 16_000
+
+
+@dataclass(frozen=True)
+class ChunkTask:
+    """What a worker needs to fit some patches.
+
+    Attributes
+    ----------
+    patches
+        Numbers of the patches.
+    problems
+        One problem a patch and domain, patch by patch.
+    settings
+        Resolved settings.
+    """
+
+    patches: Indices
+    problems: list[Problem]
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class PatchFit:
+    """One fitted patch; C domains, m vertices, s functions.
+
+    Attributes
+    ----------
+    frames
+        Frame of each domain.
+    initial_domain, domain
+        In the frames, (C, m, 2).
+    support, coefficients
+        (3, s).
+    values
+        The patch's own surface at its vertices, (m, 3), scene units.
+    energy
+        Objective after each iteration, summed over the domains, in the patch's scale.
+    """
+
+    frames: list[Frame]
+    initial_domain: Array
+    domain: Array
+    support: Indices
+    coefficients: Array
+    values: Array
+    energy: Array
+
+
+def chunk_task(
+    mesh: TriangleMesh, patches: Patches, domains: Array, weights: Array, settings: Settings, chunk: Indices
+) -> ChunkTask:
+    """Gather what fitting the patches `chunk` takes.
+
+    Parameters
+    ----------
+    mesh, patches
+        The cover.
+    domains
+        Initial domains in scene units, (M, 2).
+    weights
+        Blending weights, (M,).
+    settings
+        Resolved settings.
+    chunk
+        Numbers of the patches.
+    """
+    problems = [p for k in chunk for p in patch_problems(mesh, patches, domains, weights, settings, int(k))]
+    return ChunkTask(chunk, problems, settings)
+
+
+def chunk_patches(patches: Patches, which: Indices, problems_each: int = 1) -> list[Indices]:
+    """Sort the patches `which` by size and cut them into chunks that fit into a processor's cache."""
+    size = (np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets))[which]
+    order = which[np.argsort(size, kind="stable")]
+    size = np.sort(size, kind="stable")
+    chunks, start = [], 0
+    for end in range(1, len(order) + 1):
+        if end < len(order):
+            problems = (end + 1 - start) * problems_each
+            if problems <= CHUNK_PROBLEMS and problems * size[end] <= CHUNK_OBSERVATIONS:
+                continue
+        chunks.append(order[start:end])
+        start = end
+    return chunks
+
+
+def patch_problems(
+    mesh: TriangleMesh, patches: Patches, domains: Array, weights: Array, settings: Settings, patch: int
+) -> list[Problem]:
+    """Problems of one patch: a single one for x, y, z, or one for each."""
+    vertices = slice(patches.vertex_offsets[patch], patches.vertex_offsets[patch + 1])
+    triangles = patches.triangles[patches.triangle_offsets[patch] : patches.triangle_offsets[patch + 1]]
+    small = vertices.stop - vertices.start < SMALL_PATCH
+    at_vertices, at_centroids = fitting_weights(
+        weights[vertices],
+        triangles,
+        SMALL_PATCH_CENTROID_WEIGHT if small else CENTROID_WEIGHT,
+        settings.blending,
+    )
+    values = mesh.vertices[patches.vertices[vertices]]
+    signals = [values] if settings.domains == "common" else [values[:, [d]] for d in range(3)]
+    degree = min(settings.degree, SMALL_PATCH_DEGREE) if small else settings.degree
+    return [
+        Problem(domains[vertices], triangles, signal, signal[triangles].mean(axis=1), at_vertices, at_centroids, degree)
+        for signal in signals
+    ]
+
+
+def fit_chunk(task: ChunkTask) -> list[PatchFit]:
+    """Fit the patches of a chunk, on one thread."""
+    settings = task.settings
+    with threadpool_limits(1, user_api="blas"):
+        batch = build_batch(task.problems)
+        dictionary = Dictionary(settings.degree, settings.basis)
+        solution = solve(
+            batch,
+            dictionary,
+            sparsity=settings.sparsity,
+            iterations=settings.iterations,
+            beta1=settings.beta1,
+            beta2=settings.beta2,
+            pursuit=settings.pursuit,
+        )
+    each = len(task.problems) // len(task.patches)
+    energy = np.array(solution.energy).reshape(-1, batch.problems)
+    fitted = fitted_values(batch, solution.fit, dictionary)
+    fits = []
+    for k in range(0, batch.problems, each):
+        part, size = slice(k, k + each), batch.sizes[k]
+        frames = batch.frames[part]
+        support, coefficients = (a[part].reshape(3, -1) for a in (solution.fit.support, solution.fit.coefficients))
+        initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
+        values = [f[:, :size].T / frame.scale + frame.origin for f, frame in zip(fitted[part], frames, strict=True)]
+        fits.append(
+            PatchFit(
+                frames,
+                initial,
+                domain,
+                support,
+                coefficients,
+                np.concatenate(values, axis=1),
+                energy[:, part].sum(axis=1),
+            )
+        )
+    return fits

@@ -1,0 +1,311 @@
+"""From a mesh to its sparse surface: the stages in order."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .blending import blending_weights
+from .cover import build_cover
+from .initial_domains import initial_domains
+from .mesh import TriangleMesh, build_mesh
+from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
+from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task, fit_chunk
+from .patches import Patches, build_patches
+from .progress import FINISH, Progress, Steps, run_to_end
+from .representation import Representation
+from .settings import Settings
+from .system import peak_memory_mb
+from .version import VERSION
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SOLVE_STARTS, SOLVE_ENDS = 0.08, 0.92
+"""Share of the progress bar at which the patches begin and end."""
+
+
+@dataclass(frozen=True)
+class Approximation:
+    """A mesh approximated by a sparse surface.
+
+    Attributes
+    ----------
+    vertices
+        The surface at the input's vertices, (V, 3), of the input's floating-point type.
+    error
+        Distance of each vertex from the input, (V,), scene units.
+    patch
+        Patch with the largest blending weight at each vertex, (V,); -1 where the input passes through.
+    domain_stretch
+        Anisotropy of the domain transformation on each input face, (F,).
+    report
+        Measures, counts and times; plain values only.
+    representation
+        What evaluates the surface anywhere.
+    """
+
+    vertices: NDArray[np.floating[Any]]
+    error: Array
+    patch: NDArray[np.int32]
+    domain_stretch: Array
+    report: dict[str, Any]
+    representation: Representation
+
+
+class Stopwatch:
+    """Seconds spent in each named stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start = time.perf_counter()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of the block to the stage `name`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def total(self) -> float:
+        """Seconds since the start."""
+        return time.perf_counter() - self._start
+
+
+class Preview:
+    """The surface while patches come in: blended where they are there, the input elsewhere."""
+
+    def __init__(self, mesh: TriangleMesh, patches: Patches, weights: Array) -> None:
+        self._mesh, self._patches, self._weights = mesh, patches, weights
+        self._sum = np.zeros_like(mesh.vertices)
+        self._weight = np.zeros(len(mesh.vertices))
+
+    def add(self, patch: int, values: Array) -> None:
+        """Blend in a patch's values at its vertices (m, 3)."""
+        part = slice(self._patches.vertex_offsets[patch], self._patches.vertex_offsets[patch + 1])
+        vertices, weights = self._patches.vertices[part], self._weights[part]
+        self._sum[vertices] += weights[:, None] * values
+        self._weight[vertices] += weights
+
+    def vertices(self) -> Array:
+        """The surface as it stands, (V, 3)."""
+        return self._sum + (1.0 - self._weight)[:, None] * self._mesh.vertices
+
+
+def approximate(
+    vertices: ArrayLike,
+    faces: ArrayLike | list[list[int]],
+    settings: Settings | None = None,
+    *,
+    triangles: tuple[Indices, Indices] | None = None,
+    weights: Array | None = None,
+    executor: Executor | None = None,
+    report: Callable[[Progress], str | None] | None = None,
+) -> Approximation:
+    """Approximate a mesh by overlapping sparse patches over optimised domains (section 4).
+
+    Parameters
+    ----------
+    vertices
+        (V, 3), scene units.  The result has the same floating-point type, and errors are measured on it.
+    faces
+        (F, n) vertex numbers, or a list of polygons.
+    settings
+        What to do; the defaults where None.
+    triangles
+        A triangulation of the faces that is known already: corners (T, 3) and face numbers (T,).
+    weights
+        Observation weight of each vertex in [0, 1], (V,); a vertex of weight 0 passes through unchanged.
+    executor
+        Where patches are solved; see `Settings.workers` where None.
+    report
+        Called with each `Progress`.
+
+    Returns
+    -------
+    Approximation
+
+    Raises
+    ------
+    InputError
+        When the mesh cannot be worked on, in one sentence.
+    """
+    steps = approximate_steps(
+        vertices, faces, settings, triangles=triangles, weights=weights, executor=executor
+    )
+    return run_to_end(steps, report)
+
+
+def approximate_steps(
+    vertices: ArrayLike,
+    faces: ArrayLike | list[list[int]],
+    settings: Settings | None = None,
+    *,
+    triangles: tuple[Indices, Indices] | None = None,
+    weights: Array | None = None,
+    executor: Executor | None = None,
+) -> Steps[Approximation]:
+    """`approximate` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
+    settings = (settings or Settings()).resolved()
+    watch = Stopwatch()
+    source = np.asarray(vertices)
+    stored = source.dtype if source.dtype.kind == "f" else np.dtype(np.float64)
+    yield Progress("Reading the mesh", 0.0)
+    with watch.stage("cover"):
+        mesh = build_mesh(source, faces, triangles)
+    yield Progress("Covering with patches", 0.01)
+    with watch.stage("cover"):
+        patches = build_patches(mesh, build_cover(mesh, settings.ring), settings.ring)
+        blend = blending_weights(mesh, patches, settings.blending)
+    yield Progress("Parameterising patches", 0.03, f"{len(patches.centres)} patches")
+    with watch.stage("domains"):
+        domains = initial_domains(mesh, patches, settings.initial_domain)
+    with watch.stage("solve"):
+        fits = yield from _solve(mesh, patches, domains, blend, settings, executor)
+    representation = assemble(mesh, patches, blend, fits, settings)
+    yield Progress("Blending", SOLVE_ENDS)
+    with watch.stage("blend"):
+        points = representation.at_vertices()
+    yield Progress("Measuring", 0.95, vertices=points)
+    return _result(mesh, patches, representation, points.astype(stored), fits, settings, watch)
+
+
+def _solve(
+    mesh: TriangleMesh,
+    patches: Patches,
+    domains: Array,
+    weights: Array,
+    settings: Settings,
+    executor: Executor | None,
+) -> Steps[list[PatchFit]]:
+    """Fit every patch, chunk by chunk, on the executor where there is one."""
+    fits: dict[int, PatchFit] = {}
+    preview = Preview(mesh, patches, weights)
+    count = len(patches.centres)
+    hurry = False
+    for chunk in chunk_patches(patches, np.arange(count), 3 if settings.domains == "separate" else 1):
+        task = chunk_task(mesh, patches, domains, weights, settings, chunk)
+        if hurry:
+            task = replace(task, settings=replace(settings, iterations=0))
+        for patch, fit in zip(chunk, fit_chunk(task), strict=True):
+            fits[int(patch)] = fit
+            preview.add(int(patch), fit.values)
+        share = len(fits) / max(count, 1)
+        request = yield Progress(
+            "Solving patches",
+            SOLVE_STARTS + (SOLVE_ENDS - SOLVE_STARTS) * share,
+            f"{len(fits)} of {count} patches",
+            preview.vertices(),
+        )
+        hurry = hurry or request == FINISH
+    return [fits[k] for k in range(count)]
+
+
+def assemble(
+    mesh: TriangleMesh, patches: Patches, weights: Array, fits: list[PatchFit], settings: Settings
+) -> Representation:
+    """Put the fitted patches together."""
+    channels = 3 if settings.domains == "separate" else 1
+    sparsity = max((fit.support.shape[1] for fit in fits), default=0)
+
+    def joined(arrays: list[Array]) -> Array:
+        return np.concatenate(arrays, axis=1) if arrays else np.zeros((channels, 0, 2))
+
+    def padded(arrays: list[NDArray[Any]], filler: int) -> NDArray[Any]:
+        wide = [np.pad(a, ((0, 0), (0, sparsity - a.shape[1])), constant_values=filler) for a in arrays]
+        return np.stack(wide) if wide else np.zeros((0, 3, 0))
+
+    return Representation(
+        vertices=mesh.vertices,
+        triangles=mesh.triangles,
+        polygon=mesh.polygon,
+        face_offsets=mesh.face_offsets,
+        face_corners=mesh.face_corners,
+        vertex_offsets=patches.vertex_offsets,
+        patch_vertices=patches.vertices,
+        triangle_offsets=patches.triangle_offsets,
+        patch_triangles=patches.triangles,
+        mesh_triangles=patches.mesh_triangles,
+        domains=joined([fit.domain for fit in fits]),
+        initial_domains=joined([fit.initial_domain for fit in fits]),
+        weights=weights,
+        blending=settings.blending,
+        origins=np.array([np.concatenate([f.origin for f in fit.frames]) for fit in fits]).reshape(-1, 3),
+        scales=np.array([[f.scale for f in fit.frames] for fit in fits]).reshape(-1, channels),
+        basis=settings.basis,
+        degree=settings.degree,
+        support=padded([fit.support for fit in fits], -1).astype(np.int64),
+        coefficients=padded([fit.coefficients for fit in fits], 0).astype(np.float64),
+    )
+
+
+def _result(
+    mesh: TriangleMesh,
+    patches: Patches,
+    representation: Representation,
+    points: NDArray[Any],
+    fits: list[PatchFit],
+    settings: Settings,
+    watch: Stopwatch,
+) -> Approximation:
+    with watch.stage("measure"):
+        error = np.linalg.norm(points.astype(np.float64) - mesh.vertices, axis=1)
+        jacobians, area = domain_jacobians(representation)
+        on_surface = surface_error(representation)
+        size = float(np.ptp(mesh.vertices[np.unique(mesh.triangles)], axis=0).max())
+        vertex_error, inside = statistics(error), statistics(on_surface.ravel())
+        covered = np.bincount(patches.vertices, weights=representation.weights, minlength=len(error)) > 0.0
+        measures = {
+            "patches": representation.patches,
+            "flipped_triangles": flipped_triangles(jacobians, area),
+            "passed_through_vertices": int((~covered).sum()),
+            "vertex_error": vertex_error,
+            "surface_error": inside,
+            "relative": {
+                "vertex_rms": vertex_error["rms"] / size,
+                "vertex_max": vertex_error["max"] / size,
+                "surface_rms": inside["rms"] / size,
+                "surface_max": inside["max"] / size,
+            },
+            "seam_max": seam(representation),
+            "normal_error_degrees": normal_error(mesh.vertices, points.astype(np.float64), mesh.triangles),
+            "energy": [float(e) for e in np.sum([fit.energy for fit in fits], axis=0)] if fits else [],
+        }
+        stretch = domain_stretch(representation, jacobians, mesh.faces)
+    seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "blend", "measure")}
+    report = {
+        "version": VERSION,
+        "method": settings.method,
+        "settings": settings.as_dict(),
+        "input": {
+            "vertices": len(mesh.vertices),
+            "faces": mesh.faces,
+            "triangles": len(mesh.triangles),
+            "components": mesh.component_count,
+            "bounding_box_longest_side": size,
+        },
+        **measures,
+        "seconds": {**seconds, "total": watch.total()},
+        "peak_memory_mb": peak_memory_mb(),
+        "workers": max(settings.workers, 1),
+    }
+    return Approximation(points, error, _strongest_patch(representation), stretch, report, representation)
+
+
+def _strongest_patch(representation: Representation) -> NDArray[np.int32]:
+    """Patch with the largest blending weight at every vertex, the first one of equals; -1 where none has weight."""
+    strongest = np.full(len(representation.vertices), -1, dtype=np.int32)
+    patch = np.repeat(np.arange(representation.patches), np.diff(representation.vertex_offsets))
+    order = np.lexsort((-patch, representation.weights))
+    order = order[representation.weights[order] > 0.0]
+    strongest[representation.patch_vertices[order]] = patch[order]
+    return strongest

@@ -1,0 +1,213 @@
+"""Choosing the few functions that a patch uses: pursuits on Gram matrices, many problems at once (eq. 2).
+
+All problems see the dictionary only through the Gram matrix G = A A^T and the correlations c = A b, so a step costs
+O(s n) whatever the number of observations.
+
+Sources: Pati, Rezaiifar, Krishnaprasad 1993 (orthogonal matching pursuit); Chen, Cowan, Grant 1991 (orthogonal least
+squares); Rubinstein, Zibulevsky, Elad 2008 (batch formulation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+INDEPENDENT = 1e-10
+"""A function counts as independent of those chosen while this share of its squared norm is left over."""
+
+
+@dataclass
+class _Selection:
+    """Least squares on the functions chosen so far; P problems, s functions, n in the dictionary.
+
+    Attributes
+    ----------
+    support
+        Chosen functions, (P, s); -1 where none was left to choose.
+    inverse
+        Inverse Gram matrix of the chosen functions, (P, s, s).
+    regression
+        Coefficients of every dictionary function on the chosen ones, K^-1 G[S, :], (P, s, n).
+    coefficients
+        Least-squares coefficients, (P, s).
+    remaining
+        Squared norm of every function's part orthogonal to the chosen ones, (P, n).
+    correlation
+        Correlation of every function with the residual, (P, n).
+    """
+
+    support: NDArray[np.int64]
+    inverse: NDArray[np.float64]
+    regression: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    remaining: NDArray[np.float64]
+    correlation: NDArray[np.float64]
+
+    def put(self, which: NDArray[np.int64], other: _Selection) -> None:
+        """Overwrite the problems `which` by those of `other`."""
+        for item in fields(self):
+            getattr(self, item.name)[which] = getattr(other, item.name)
+
+
+def matching_pursuit(
+    gram: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    sparsity: int,
+    allowed: NDArray[np.bool_] | None = None,
+) -> NDArray[np.int64]:
+    """Orthogonal matching pursuit: repeatedly take the function most parallel to the residual.
+
+    Parameters
+    ----------
+    gram
+        Gram matrix of the dictionary on each patch, (B, n, n).
+    correlation
+        Correlation of the functions with each signal, (B, D, n).
+    sparsity
+        Number of functions to choose, s.
+    allowed
+        Functions that may be chosen, (B, n); all where None.
+
+    Returns
+    -------
+    ndarray
+        Chosen functions in the order of their choice, (B, D, s); -1 where the rest depends on those chosen.
+    """
+    norm = np.diagonal(gram, axis1=1, axis2=2)
+    return _greedy(gram, correlation, sparsity, allowed, np.broadcast_to(norm[:, None], correlation.shape))
+
+
+def least_squares_pursuit(
+    gram: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    sparsity: int,
+    allowed: NDArray[np.bool_] | None = None,
+    replacements: int = 1,
+) -> NDArray[np.int64]:
+    """Orthogonal least squares: repeatedly take the function that lowers the residual most, then exchange.
+
+    After the greedy choice each chosen function in turn is taken out and the best one put in its place.
+
+    Parameters
+    ----------
+    gram, correlation, sparsity, allowed
+        As in `matching_pursuit`.
+    replacements
+        Number of cyclic replacement passes.
+
+    Returns
+    -------
+    ndarray
+        Chosen functions, (B, D, s); -1 where the rest depends on those chosen.
+    """
+    support = _greedy(gram, correlation, sparsity, allowed, None)
+    for _ in range(replacements):
+        support = _replace_cyclically(gram, correlation, support, allowed)
+    return support
+
+
+def _greedy(
+    gram: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    sparsity: int,
+    allowed: NDArray[np.bool_] | None,
+    fixed_norm: NDArray[np.float64] | None,
+) -> NDArray[np.int64]:
+    """Forward selection with an orthogonalised row for each chosen function."""
+    batch, signals, size = correlation.shape
+    problems = batch * signals
+    patch = np.repeat(np.arange(batch), signals)
+    row = np.arange(problems)
+    residual = correlation.reshape(problems, size).copy()
+    norm = np.diagonal(gram, axis1=1, axis2=2)[patch]
+    remaining = norm.copy()
+    smallest = INDEPENDENT * np.maximum(norm, norm.max(axis=1, keepdims=True) * 1e-6)
+    scale = remaining if fixed_norm is None else fixed_norm.reshape(problems, size)
+    forbidden = np.zeros((problems, size), dtype=bool) if allowed is None else ~allowed[patch]
+    rows = np.zeros((problems, sparsity, size))
+    support = np.full((problems, sparsity), -1, dtype=np.int64)
+    for k in range(sparsity):
+        usable = (remaining > smallest) & ~forbidden
+        score = np.divide(residual**2, scale, out=np.full_like(residual, -1.0), where=usable)
+        best = score.argmax(axis=1)
+        found = usable[row, best]
+        new = gram[patch, best]
+        if k:
+            new = new - np.matmul(rows[row, :k, best][:, None, :], rows[:, :k])[:, 0]
+        pivot = np.where(found, remaining[row, best], 1.0)
+        new *= (found / np.sqrt(pivot))[:, None]
+        step = np.where(found, residual[row, best], 0.0) / np.sqrt(pivot)
+        rows[:, k] = new
+        residual -= step[:, None] * new
+        remaining -= new**2
+        forbidden[row, best] = True
+        support[:, k] = np.where(found, best, -1)
+    return support.reshape(batch, signals, sparsity)
+
+
+def _replace_cyclically(
+    gram: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    support: NDArray[np.int64],
+    allowed: NDArray[np.bool_] | None,
+) -> NDArray[np.int64]:
+    """Take out each chosen function in turn and put the best one in its place."""
+    batch, signals, sparsity = support.shape
+    size = gram.shape[-1]
+    patch = np.repeat(np.arange(batch), signals)
+    complete = (support >= 0).all(axis=-1).reshape(-1)
+    active = np.flatnonzero(complete)
+    if not len(active):
+        return support
+    patch = patch[active]
+    signal = correlation.reshape(-1, size)[active]
+    chosen = _regress(gram, signal, support.reshape(-1, sparsity)[active], patch)
+    barred = np.zeros((len(active), size), dtype=bool) if allowed is None else ~allowed[patch]
+    norm = np.diagonal(gram, axis1=1, axis2=2)[patch]
+    for position in range(sparsity):
+        better, entering = _best_exchange(chosen, position, barred, norm)
+        if len(better):
+            exchanged = chosen.support[better]
+            exchanged[:, position] = entering
+            chosen.put(better, _regress(gram, signal[better], exchanged, patch[better]))
+    result = support.reshape(-1, sparsity).copy()
+    result[active] = chosen.support
+    return result.reshape(support.shape)
+
+
+def _regress(
+    gram: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    support: NDArray[np.int64],
+    patch: NDArray[np.int64],
+) -> _Selection:
+    """Least squares of the signals and of all functions on the chosen ones."""
+    rows = gram[patch[:, None], support]
+    inverse = np.linalg.inv(np.take_along_axis(rows, support[:, None, :], axis=2))
+    regression = np.matmul(inverse, rows)
+    own = np.take_along_axis(correlation, support, axis=1)
+    coefficients = np.matmul(inverse, own[..., None])[..., 0]
+    remaining = np.diagonal(gram, axis1=1, axis2=2)[patch] - (rows * regression).sum(axis=1)
+    left_over = correlation - np.matmul(coefficients[:, None, :], rows)[:, 0]
+    return _Selection(support.copy(), inverse, regression, coefficients, remaining, left_over)
+
+
+def _best_exchange(
+    chosen: _Selection, position: int, barred: NDArray[np.bool_], norm: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Problems in which another function does better at `position`, and that function."""
+    pivot = chosen.inverse[:, position, position][:, None]
+    regression = chosen.regression[:, position]
+    weight = chosen.coefficients[:, position][:, None] / pivot
+    # what taking the function out gives back to every other function
+    correlation = chosen.correlation + weight * regression
+    remaining = chosen.remaining + regression**2 / pivot
+    usable = (remaining > INDEPENDENT * norm) & ~barred
+    np.put_along_axis(usable, chosen.support, False, axis=1)
+    gain = np.divide(correlation**2, remaining, out=np.full_like(remaining, -1.0), where=usable)
+    entering = gain.argmax(axis=1)
+    present = (chosen.coefficients[:, position][:, None] * weight)[:, 0]
+    better = np.flatnonzero(gain[np.arange(len(gain)), entering] > present * (1 + 1e-9))
+    return better, entering[better]

@@ -1,0 +1,31 @@
+"""What the operating system says of this process."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+
+
+def peak_memory_mb() -> float:
+    """Largest resident memory of this process so far, in megabytes; zero where the system does not tell."""
+    if sys.platform == "win32":
+        return _windows_peak_bytes() / 1e6
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # kilobytes on Linux, bytes on macOS
+    return float(peak) * (1.0 if sys.platform == "darwin" else 1024.0) / 1e6
+
+
+def _windows_peak_bytes() -> int:
+    class Counters(ctypes.Structure):
+        _fields_ = [("size", ctypes.c_uint32), ("faults", ctypes.c_uint32)] + [
+            (name, ctypes.c_size_t)
+            for name in ("peak", "now", "peak_paged", "paged", "peak_pool", "pool", "pagefile", "peak_pagefile")
+        ]
+
+    counters = Counters(size=ctypes.sizeof(Counters))
+    windll = getattr(ctypes, "windll")  # noqa: B009 - exists on Windows only, which type checkers elsewhere do not know
+    process = ctypes.c_void_p(windll.kernel32.GetCurrentProcess())
+    found = windll.psapi.GetProcessMemoryInfo(process, ctypes.byref(counters), counters.size)
+    return int(counters.peak) if found else 0

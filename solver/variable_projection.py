@@ -1,0 +1,305 @@
+"""The default patch solver: Gauss-Newton on the domain with the coefficients eliminated (eq. 3, minimised another way).
+
+For a given domain U and support S the best coefficients follow from linear least squares; putting them in leaves the variable
+projection functional r_d(U) = (I - A_d A_d^+) b_d (Golub, Pereyra 1973).  Kaufman's approximation (1975) of its Jacobian,
+-(I - A_d A_d^+) G_d W with G_d the gradients of the fitted function at the observations, gives a Gauss-Newton system that
+conjugate gradients solve without ever forming it.  The regularisation is annealed: it shapes the way to the minimum and then
+gets out of its way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .batch import Batch
+from .dictionary import Dictionary, coefficient_grid, combine
+from .domain_energy import determinant, largest_step
+from .pursuit import least_squares_pursuit, matching_pursuit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PROXIMITY_DECAY = 0.5
+RIGIDITY_DECAY = 0.6
+RESELECT_AT = (0, 3, 6, 10)
+CONJUGATE_GRADIENT_STEPS = 8
+DETERMINANT_FLOOR = 0.02
+STEP_SHARE = 0.8
+RIDGE = 1e-11
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least squares of a batch's signals on chosen functions over given domains.
+
+    Attributes
+    ----------
+    support
+        Chosen functions, (B, D, s); -1 where fewer were chosen.
+    coefficients
+        (B, D, s); zero where the support is -1.
+    orthonormal
+        Rows that span the weighted functions, (B, D, s, N).
+    residual
+        Weighted residual at the observations, (B, D, N).
+    tables
+        Values of the one-variable polynomials at u and at v, 2 arrays (B, t + 1, N).
+    """
+
+    support: Indices
+    coefficients: Array
+    orthonormal: Array
+    residual: Array
+    tables: tuple[Array, Array]
+
+    @property
+    def misfit(self) -> Array:
+        """Weighted sum of squares for each problem, (B,)."""
+        return np.einsum("bdn,bdn->b", self.residual, self.residual)
+
+
+@dataclass
+class Solution:
+    """Where the solver stands: domains, supports and what they give.
+
+    Attributes
+    ----------
+    domain
+        (2, B, m), in the problems' frames.
+    fit
+        Least squares over that domain.
+    energy
+        Objective of eq. 3 after each iteration, summed over a problem's signals, a list of (B,).
+    """
+
+    domain: Array
+    fit: Fit
+    energy: list[Array] = field(default_factory=list)
+
+
+def solve(
+    batch: Batch,
+    dictionary: Dictionary,
+    *,
+    sparsity: int,
+    iterations: int,
+    beta1: float,
+    beta2: float,
+    pursuit: str = "ols",
+) -> Solution:
+    """Minimise eq. 3 for every problem of the batch.
+
+    Each problem has its own damping, step length and acceptance; a problem whose energy would rise keeps its state.
+
+    Parameters
+    ----------
+    batch
+        Padded problems.
+    dictionary
+        Basis functions.
+    sparsity
+        Functions that each signal may use, s.
+    iterations
+        Gauss-Newton steps.
+    beta1, beta2
+        Weights of eq. 4 at the first iteration; they decay geometrically.
+    pursuit
+        "ols" or "omp".
+
+    Returns
+    -------
+    Solution
+    """
+    domain = batch.start.copy()
+    fit = select(batch, dictionary, domain, sparsity, pursuit)
+    solution = Solution(domain, fit)
+    damping = np.zeros(batch.problems)
+    for iteration in range(iterations):
+        weights = (beta1 * PROXIMITY_DECAY**iteration, beta2 * RIGIDITY_DECAY**iteration)
+        if iteration and iteration in RESELECT_AT:
+            reselect(batch, dictionary, solution, sparsity, pursuit)
+        solution.energy.append(step(batch, dictionary, solution, weights, damping))
+    return solution
+
+
+def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, pursuit: str) -> Fit:
+    """Choose the functions for the given domains and fit them."""
+    weighted = dictionary.evaluate(batch.observed(domain))
+    weighted *= batch.root_weights
+    gram = np.matmul(weighted, weighted.transpose(0, 2, 1))
+    correlation = np.matmul(batch.values * batch.root_weights, weighted.transpose(0, 2, 1))
+    allowed = dictionary.degrees.sum(axis=1) <= batch.degrees[:, None]
+    pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
+    support = pursue(gram, correlation, min(sparsity, dictionary.size), allowed)
+    return least_squares(batch, dictionary, domain, support)
+
+
+def reselect(batch: Batch, dictionary: Dictionary, solution: Solution, sparsity: int, pursuit: str) -> None:
+    """Choose the functions anew and keep the choice where it lowers the misfit."""
+    anew = select(batch, dictionary, solution.domain, sparsity, pursuit)
+    better = anew.misfit < solution.fit.misfit
+    solution.fit = merge(better, anew, solution.fit)
+
+
+def merge(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
+    """Problems of `one` where `first` holds, of `other` elsewhere."""
+    if first.all():
+        return one
+
+    def pick(a: NDArray, b: NDArray) -> NDArray:
+        return np.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+
+    return Fit(
+        pick(one.support, other.support),
+        pick(one.coefficients, other.coefficients),
+        pick(one.orthonormal, other.orthonormal),
+        pick(one.residual, other.residual),
+        (pick(one.tables[0], other.tables[0]), pick(one.tables[1], other.tables[1])),
+    )
+
+
+def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: Indices) -> Fit:
+    """Fit given functions over given domains: Cholesky factor of the column-scaled Gram matrix."""
+    observed = batch.observed(domain)
+    tables = dictionary.tables(observed[0]), dictionary.tables(observed[1])
+    problem = np.arange(batch.problems)[:, None, None]
+    i, j = np.moveaxis(dictionary.degrees[support], -1, 0)
+    functions = tables[0][problem, i]
+    functions *= tables[1][problem, j]
+    functions *= batch.root_weights[:, :, None]
+    functions *= (support >= 0)[..., None]
+    gram = np.matmul(functions, functions.swapaxes(-1, -2))
+    norm = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
+    norm = np.where(norm > 0.0, norm, 1.0)
+    gram /= norm[..., :, None] * norm[..., None, :]
+    size = support.shape[-1]
+    # Unused places get a unit diagonal, so that every problem has the same shape.
+    gram[..., np.arange(size), np.arange(size)] = 1.0 + RIDGE
+    inverse_factor = np.linalg.inv(np.linalg.cholesky(gram)) / norm[..., None, :]
+    orthonormal = np.matmul(inverse_factor, functions)
+    values = batch.values * batch.root_weights
+    share = np.matmul(orthonormal, values[..., None])
+    residual = values - np.matmul(share.swapaxes(-1, -2), orthonormal)[..., 0, :]
+    coefficients = np.matmul(inverse_factor.swapaxes(-1, -2), share)[..., 0]
+    return Fit(support, coefficients, orthonormal, residual, tables)
+
+
+def step(
+    batch: Batch, dictionary: Dictionary, solution: Solution, weights: tuple[float, float], damping: Array
+) -> Array:
+    """One damped Gauss-Newton step of every problem; returns the energies (B,) and updates `solution` and `damping`."""
+    beta1, beta2 = weights
+    energy = batch.energy
+    flat = solution.domain.reshape(2, -1)
+    jacobian = energy.jacobian(flat)
+    before = solution.fit.misfit + regularisation(batch, flat, jacobian, weights)
+    gradient = function_gradient(batch, dictionary, solution.fit)
+    force = batch.collected(np.einsum("cbdn,bdn->cbn", gradient, solution.fit.residual)).reshape(2, -1)
+    force -= beta1 * (flat - energy.start) + 0.5 * beta2 * energy.rigidity_gradient(jacobian)
+    move = _conjugate_gradients(batch, solution.fit.orthonormal, gradient, weights, damping, force)
+    change = energy.jacobian(move)
+    limit = batch.by_problem(largest_step(jacobian, change, DETERMINANT_FLOOR)).min(axis=1)
+    length = np.minimum(1.0, STEP_SHARE * limit)
+    domain = solution.domain + length[:, None] * batch.by_problem(move)
+    fit = least_squares(batch, dictionary, domain, solution.fit.support)
+    moved = domain.reshape(2, -1)
+    after = fit.misfit + regularisation(batch, moved, energy.jacobian(moved), weights)
+    better = after < before
+    solution.domain = np.where(better[:, None], domain, solution.domain)
+    solution.fit = merge(better, fit, solution.fit)
+    damping[:] = np.where(better, damping * 0.3, np.maximum(damping, 1e-3) * 8.0)
+    return np.where(better, after, before)
+
+
+def regularisation(batch: Batch, flat: Array, jacobian: Array, weights: tuple[float, float]) -> Array:
+    """Q(U) of every problem, (B,)."""
+    proximity = batch.by_problem(batch.energy.proximity(flat)).sum(axis=1)
+    rigidity = batch.by_problem(batch.energy.rigidity(jacobian)).sum(axis=1)
+    total: Array = weights[0] * proximity + weights[1] * rigidity
+    return total
+
+
+def function_gradient(batch: Batch, dictionary: Dictionary, fit: Fit) -> Array:
+    """Weighted gradients of the fitted functions at the observations, (2, B, D, N)."""
+    grid = coefficient_grid(dictionary.degrees, fit.support, fit.coefficients, dictionary.degree)
+    u_table, v_table = (table[:, None] for table in fit.tables)
+    along_u = combine(grid, dictionary.derivative_tables(u_table), v_table)
+    along_v = combine(grid, u_table, dictionary.derivative_tables(v_table))
+    return np.stack([along_u, along_v]) * batch.root_weights
+
+
+def fitted_values(batch: Batch, fit: Fit, dictionary: Dictionary) -> Array:
+    """Values of the fitted functions at the observations, (B, D, N), in the problems' frames."""
+    grid = coefficient_grid(dictionary.degrees, fit.support, fit.coefficients, dictionary.degree)
+    return combine(grid, fit.tables[0][:, None], fit.tables[1][:, None])
+
+
+def _conjugate_gradients(
+    batch: Batch,
+    orthonormal: Array,
+    gradient: Array,
+    weights: tuple[float, float],
+    damping: Array,
+    force: Array,
+) -> Array:
+    """A few preconditioned conjugate-gradient steps on the damped Gauss-Newton system, all problems at once."""
+    beta1, beta2 = weights
+    laplacian = batch.energy.laplacian()
+    shift = np.repeat(beta1 + damping, batch.start.shape[2])
+
+    def apply(x: Array) -> Array:
+        observed = batch.observed(batch.by_problem(x))
+        change = gradient[0] * observed[0][:, None] + gradient[1] * observed[1][:, None]
+        share = np.matmul(orthonormal, change[..., None])
+        change -= np.matmul(share.swapaxes(-1, -2), orthonormal)[..., 0, :]
+        back = batch.collected((gradient * change).sum(axis=2)).reshape(2, -1)
+        return back + shift * x + beta2 * np.stack([laplacian @ x[0], laplacian @ x[1]])
+
+    precondition = _block_jacobi(batch, gradient, shift + beta2 * laplacian.diagonal())
+
+    def dot(a: Array, b: Array) -> Array:
+        return batch.by_problem((a * b).sum(axis=0)).sum(axis=1)
+
+    def spread(a: Array) -> Array:
+        return np.repeat(a, batch.start.shape[2])
+
+    x = np.zeros_like(force)
+    residual = force
+    direction = precondition(residual)
+    slope = dot(residual, direction)
+    for _ in range(CONJUGATE_GRADIENT_STEPS):
+        applied = apply(direction)
+        curvature = dot(direction, applied)
+        length = np.divide(slope, curvature, out=np.zeros_like(slope), where=curvature > 0.0)
+        x = x + spread(length) * direction
+        residual = residual - spread(length) * applied
+        preconditioned = precondition(residual)
+        new_slope = dot(residual, preconditioned)
+        ratio = np.divide(new_slope, slope, out=np.zeros_like(slope), where=slope > 0.0)
+        direction = preconditioned + spread(ratio) * direction
+        slope = new_slope
+    return x
+
+
+def _block_jacobi(batch: Batch, gradient: Array, shift: Array):  # type: ignore[no-untyped-def]
+    """Inverse of the system's 2 x 2 blocks on the diagonal, without the projection."""
+    products = np.stack([(gradient[a] * gradient[b]).sum(axis=1) for a, b in ((0, 0), (0, 1), (1, 1))])
+    uu, uv, vv = (batch.diagonal @ product.ravel() for product in products)
+    uu, vv = uu + shift, vv + shift
+    inverse = uu * vv - uv**2
+    inverse = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
+
+    def precondition(x: Array) -> Array:
+        return np.stack([(vv * x[0] - uv * x[1]) * inverse, (uu * x[1] - uv * x[0]) * inverse])
+
+    return precondition
+
+
+def smallest_determinant(batch: Batch, domain: Array) -> Array:
+    """Smallest determinant of each problem's domain transformation, (B,); padding counts as one."""
+    value = determinant(batch.energy.jacobian(domain.reshape(2, -1)))
+    value[batch.energy.area == 0.0] = 1.0
+    return batch.by_problem(value).min(axis=1)

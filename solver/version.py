@@ -1,0 +1,3 @@
+"""The version of the extension, the same in the Blender manifest."""
+
+VERSION = "0.1.0"
