@@ -1,0 +1,184 @@
+"""Triangulation of polygons: by rule for triangles, quads and convex polygons, by ear clipping for the others."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+_CLEARLY_WORSE = 0.25  # the first diagonal of a quad is left when its smaller triangle is this much smaller
+
+
+def triangulate(points: Floats, corners: Integers, offsets: Integers) -> tuple[Integers, Integers]:
+    """Split polygons into triangles without new vertices.
+
+    A corner that repeats the one before it is skipped; a polygon with fewer than three corners left has no triangle.
+
+    Parameters
+    ----------
+    points
+        Positions, (V, 3).
+    corners, offsets
+        Polygon `f` has the vertices `corners[offsets[f]:offsets[f + 1]]`.
+
+    Returns
+    -------
+    Vertices of the triangles, (T, 3), in the winding of their polygons, and the polygon of each, (T,), ascending.
+    """
+    corners, offsets = _without_repeats(corners, offsets)
+    sizes = np.diff(offsets)
+    parts, owners = [], []
+    for size in np.unique(sizes[sizes >= 3]):
+        which = np.flatnonzero(sizes == size)
+        rows = corners[offsets[which][:, None] + np.arange(size)]
+        local = _split_equal(points[rows])
+        parts.append(np.take_along_axis(rows, local.reshape(len(rows), -1), axis=1).reshape(-1, 3))
+        owners.append(np.repeat(which, size - 2))
+    if not parts:
+        return np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64)
+    polygon = np.concatenate(owners)
+    order = np.argsort(polygon, kind="stable")
+    return np.concatenate(parts)[order], polygon[order]
+
+
+def _without_repeats(corners: Integers, offsets: Integers) -> tuple[Integers, Integers]:
+    previous = np.roll(corners, 1)
+    previous[offsets[:-1]] = corners[offsets[1:] - 1]
+    keep = corners != previous
+    if keep.all():
+        return corners, offsets
+    return corners[keep], np.concatenate(([0], np.cumsum(np.add.reduceat(keep.astype(np.int64), offsets[:-1]))))
+
+
+def _split_equal(polygons: Floats) -> Integers:
+    """Return the triangles, (F, n - 2, 3) local corners, of polygons with the same number of corners, (F, n, 3)."""
+    size = polygons.shape[1]
+    if size == 3:
+        return np.broadcast_to(np.arange(3), (len(polygons), 1, 3)).copy()
+    if size == 4:
+        return _split_quads(polygons)
+    balanced = np.array(_balanced_triangles(size), dtype=np.int64)
+    result = np.repeat(balanced[None], len(polygons), axis=0)
+    normals = newell_normals(polygons)
+    areas = _signed_areas(polygons, balanced, normals)
+    for index in np.flatnonzero(areas.min(axis=1) <= 1e-12 * np.abs(areas).max(axis=1)):
+        result[index] = clip_ears(_in_plane(polygons[index], normals[index]))
+    return result
+
+
+def newell_normals(polygons: Floats) -> Floats:
+    """Return the unnormalised area vectors (twice the area) of polygons (F, n, 3) by Newell's formula."""
+    centred = polygons - polygons.mean(axis=1, keepdims=True)
+    normal: Floats = np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
+    return normal
+
+
+def _signed_areas(polygons: Floats, triangles: Integers, normals: Floats) -> Floats:
+    a, b, c = (polygons[:, triangles[:, i]] for i in range(3))
+    areas: Floats = (np.cross(b - a, c - a) * normals[:, None]).sum(axis=2)
+    return areas
+
+
+def _split_quads(quads: Floats) -> Integers:
+    first = np.array([[0, 1, 2], [0, 2, 3]])
+    second = np.array([[0, 1, 3], [1, 2, 3]])
+    normals = newell_normals(quads)
+    smaller = _signed_areas(quads, first, normals).min(axis=1)
+    smaller_other = _signed_areas(quads, second, normals).min(axis=1)
+    turn = (smaller < _CLEARLY_WORSE * smaller_other) | ((smaller <= 0) & (smaller_other > smaller))
+    return np.where(turn[:, None, None], second, first)
+
+
+@lru_cache(maxsize=256)
+def _balanced_triangles(size: int) -> list[tuple[int, int, int]]:
+    """Split a convex polygon by halving, so that no corner collects a long fan of needles."""
+    triangles = []
+    ranges = [(0, size - 1)]
+    while ranges:
+        low, high = ranges.pop()
+        if high - low >= 2:
+            middle = (low + high) // 2
+            triangles.append((low, middle, high))
+            ranges += [(low, middle), (middle, high)]
+    return triangles
+
+
+def _in_plane(polygon: Floats, normal: Floats) -> Floats:
+    """Project a polygon (n, 3) on the plane of its normal, (n, 2), counter-clockwise."""
+    length = np.linalg.norm(normal)
+    if length == 0.0:
+        axes = np.linalg.svd(polygon - polygon.mean(axis=0), full_matrices=False)[2][:2]
+    else:
+        unit = normal / length
+        helper = np.eye(3)[np.argmin(np.abs(unit))]
+        first = np.cross(helper, unit)
+        first /= np.linalg.norm(first)
+        axes = np.stack((first, np.cross(unit, first)))
+    flat: Floats = (polygon - polygon.mean(axis=0)) @ axes.T
+    return flat
+
+
+def clip_ears(polygon: Floats) -> Integers:
+    """Triangulate one planar polygon by ear clipping.
+
+    Corners at the same place (bridges to holes) are allowed.  Where no proper ear is left (the polygon crosses
+    itself or is flat), the least bad corner is cut off, so that there are always n - 2 triangles.
+
+    Parameters
+    ----------
+    polygon
+        Corners, (n, 2), counter-clockwise.
+
+    Returns
+    -------
+    Corner numbers of the triangles, (n - 2, 3).
+    """
+    size = len(polygon)
+    left, right = np.roll(np.arange(size), 1), np.roll(np.arange(size), -1)
+    alive = np.ones(size, dtype=bool)
+    turn = _turn(polygon[left], polygon, polygon[right])
+    triangles = []
+    for _ in range(size - 2):
+        ear = _next_ear(polygon, left, right, alive, turn)
+        before, after = left[ear], right[ear]
+        triangles.append((before, ear, after))
+        alive[ear] = False
+        right[before], left[after] = after, before
+        ends = np.array([before, after])
+        turn[ends] = _turn(polygon[left[ends]], polygon[ends], polygon[right[ends]])
+    return np.array(triangles, dtype=np.int64)
+
+
+def _next_ear(polygon: Floats, left: Integers, right: Integers, alive: Booleans, turn: Floats) -> int:
+    candidates = np.flatnonzero(alive & (turn > 0))
+    reflex = polygon[alive & (turn <= 0)]
+    # Fattest corners first: fewer needles.
+    shape = turn[candidates] / _longest_squared(polygon[left[candidates]], polygon[candidates], polygon[right[candidates]])
+    for ear in candidates[np.argsort(-shape, kind="stable")]:
+        if not _contains_any(polygon[left[ear]], polygon[ear], polygon[right[ear]], reflex):
+            return int(ear)
+    remaining = np.flatnonzero(alive)
+    return int(remaining[np.argmin(np.abs(turn[remaining]))])
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
+    one, two = b - a, c - b
+    turn: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
+    return turn
+
+
+def _longest_squared(a: Floats, b: Floats, c: Floats) -> Floats:
+    squared = [((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))]
+    return np.maximum(np.max(squared, axis=0), np.finfo(np.float64).tiny)
+
+
+def _contains_any(a: Floats, b: Floats, c: Floats, points: Floats) -> bool:
+    """Tell whether a point lies in the triangle or on its border; corners of the triangle do not count."""
+    inside = (_turn(a, b, points) >= 0) & (_turn(b, c, points) >= 0) & (_turn(c, a, points) >= 0)
+    inside &= ~((points == a).all(axis=1) | (points == b).all(axis=1) | (points == c).all(axis=1))
+    return bool(inside.any())
