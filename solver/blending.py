@@ -28,7 +28,7 @@ def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray
         "partition": hop distance to the rim, divided by its sum over the patches; zero at vertices that pass through.
         "uniform": 1 / n_p with n_p the number of patches that contain the vertex (eq. 6).
     """
-    passed = mesh.passed_through[patches.vertices]
+    passed = patches.passed_through[patches.vertices]
     raw = np.where(passed, 0.0, patches.rim_distance if kind == "partition" else 1.0).astype(np.float64)
     total = np.bincount(patches.vertices, weights=raw, minlength=len(mesh.vertices))
     return np.divide(raw, total[patches.vertices], out=np.zeros_like(raw), where=raw > 0.0)

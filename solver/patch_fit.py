@@ -63,8 +63,8 @@ class PatchFit:
         In the frames, (C, m, 2).
     support, coefficients
         (3, s).
-    values
-        The patch's own surface at its vertices, (m, 3), scene units.
+    values, centroid_values
+        The patch's own surface at its vertices (m, 3) and triangle centroids (t, 3), scene units.
     energy
         Objective after each iteration, summed over the domains, in the patch's scale.
     """
@@ -75,6 +75,7 @@ class PatchFit:
     support: Indices
     coefficients: Array
     values: Array
+    centroid_values: Array
     energy: Array
 
 
@@ -162,7 +163,9 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
         frames = batch.frames[part]
         support, coefficients = (a[part].reshape(3, -1) for a in (solution.fit.support, solution.fit.coefficients))
         initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
-        values = [f[:, :size].T / frame.scale + frame.origin for f, frame in zip(fitted[part], frames, strict=True)]
+        count, most = len(task.problems[k].triangles), batch.start.shape[2]
+        points = [f.T / frame.scale + frame.origin for f, frame in zip(fitted[part], frames, strict=True)]
+        values = np.concatenate(points, axis=1)
         fits.append(
             PatchFit(
                 frames,
@@ -170,7 +173,8 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
                 domain,
                 support,
                 coefficients,
-                np.concatenate(values, axis=1),
+                values[:size],
+                values[most : most + count],
                 energy[:, part].sum(axis=1),
             )
         )

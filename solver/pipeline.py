@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .blending import blending_weights
-from .cover import build_cover
 from .initial_domains import initial_domains
-from .mesh import TriangleMesh, build_mesh
+from .mesh import TriangleMesh, _checked_faces, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task, fit_chunk
 from .patches import Patches, build_patches
@@ -164,14 +163,14 @@ def approximate_steps(
         mesh = build_mesh(source, faces, triangles)
     yield Progress("Covering with patches", 0.01)
     with watch.stage("cover"):
-        patches = build_patches(mesh, build_cover(mesh, settings.ring), settings.ring)
+        patches = build_patches(mesh, settings.ring)
         blend = blending_weights(mesh, patches, settings.blending)
-    yield Progress("Parameterising patches", 0.03, f"{len(patches.centres)} patches")
+    yield Progress("Parameterising patches", 0.03, f"{len(patches)} patches")
     with watch.stage("domains"):
         domains = initial_domains(mesh, patches, settings.initial_domain)
     with watch.stage("solve"):
         fits = yield from _solve(mesh, patches, domains, blend, settings, executor)
-    representation = assemble(mesh, patches, blend, fits, settings)
+    representation = assemble(mesh, _checked_faces(faces, len(source)), patches, blend, fits, settings)
     yield Progress("Blending", SOLVE_ENDS)
     with watch.stage("blend"):
         points = representation.at_vertices()
@@ -190,7 +189,7 @@ def _solve(
     """Fit every patch, chunk by chunk, on the executor where there is one."""
     fits: dict[int, PatchFit] = {}
     preview = Preview(mesh, patches, weights)
-    count = len(patches.centres)
+    count = len(patches)
     hurry = False
     for chunk in chunk_patches(patches, np.arange(count), 3 if settings.domains == "separate" else 1):
         task = chunk_task(mesh, patches, domains, weights, settings, chunk)
@@ -211,7 +210,12 @@ def _solve(
 
 
 def assemble(
-    mesh: TriangleMesh, patches: Patches, weights: Array, fits: list[PatchFit], settings: Settings
+    mesh: TriangleMesh,
+    polygons: tuple[Indices, Indices],
+    patches: Patches,
+    weights: Array,
+    fits: list[PatchFit],
+    settings: Settings,
 ) -> Representation:
     """Put the fitted patches together."""
     channels = 3 if settings.domains == "separate" else 1
@@ -228,8 +232,8 @@ def assemble(
         vertices=mesh.vertices,
         triangles=mesh.triangles,
         polygon=mesh.polygon,
-        face_offsets=mesh.face_offsets,
-        face_corners=mesh.face_corners,
+        face_offsets=polygons[1],
+        face_corners=polygons[0],
         vertex_offsets=patches.vertex_offsets,
         patch_vertices=patches.vertices,
         triangle_offsets=patches.triangle_offsets,
@@ -280,7 +284,7 @@ def _result(
             "normal_error_degrees": normal_error(mesh.vertices, points.astype(np.float64), mesh.triangles),
             "energy": [float(e) for e in np.sum([fit.energy for fit in fits], axis=0)] if fits else [],
         }
-        stretch = domain_stretch(representation, jacobians, mesh.faces)
+        stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
     seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "blend", "measure")}
     report = {
         "version": VERSION,
@@ -288,7 +292,7 @@ def _result(
         "settings": settings.as_dict(),
         "input": {
             "vertices": len(mesh.vertices),
-            "faces": mesh.faces,
+            "faces": mesh.polygon_count,
             "triangles": len(mesh.triangles),
             "components": mesh.component_count,
             "bounding_box_longest_side": size,
