@@ -14,7 +14,7 @@ _FAR = np.iinfo(np.int64).max
 _ONE_AT_A_TIME = 32  # beyond this many hops centres are so few that each is placed by itself
 
 
-def cover_by_rings(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -> Integers:
+def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -> Integers:
     """Choose centres so that each wanted node lies in the (ring - 1)-ring of one of them.
 
     Farthest-point sampling in edge hops: the next centre is always a node at the greatest distance from all centres.
@@ -28,14 +28,16 @@ def cover_by_rings(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None
     ring
         Radius of the patches, in edges; at least 1.
     wanted
-        Nodes to be covered, (N,); all that belong to a triangle when not given.
+        Nodes to be covered, (N,); when not given, all but those of vertices that are passed through.
 
     Returns
     -------
     Nodes of the centres, (K,), in the order of choice.
     """
     offsets, neighbours = mesh.adjacency.indptr.astype(np.int64), mesh.adjacency.indices
-    wanted = mesh.used if wanted is None else wanted
+    wanted = ~mesh.passed_through[mesh.node_vertex] if wanted is None else wanted
+    if not wanted.any():
+        return np.zeros(0, dtype=np.int64)
     rank = _scrambled(mesh.node_count)
     distance = np.where(wanted, _FAR, -1)
     chosen = [_first_centres(mesh, wanted)]

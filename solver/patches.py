@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, vstack
 from scipy.sparse.csgraph import connected_components
 
-from .cover import cover_by_rings
+from .cover import build_cover
 from .mesh import TriangleMesh, solve_winding, triangle_areas
 
 Floats = NDArray[np.float64]
@@ -100,13 +100,21 @@ class Patches:
         )
 
 
-def build_patches(mesh: TriangleMesh, ring: int) -> Patches:
-    """Cover the mesh with patches of at most `ring` edge rings, each a disk.
+def build_patches(mesh: TriangleMesh, centres: Integers, ring: int) -> Patches:
+    """Build the patches around the centres of a cover, each a disk.
 
-    Every vertex that is not passed through has a positive rim distance in at least one patch.
+    Every vertex that is not passed through has a positive rim distance in at least one patch; where repairs made
+    patches smaller, that takes more of them than there are centres.
+
+    Parameters
+    ----------
+    centres
+        Nodes that `build_cover` chose for this ring, (K,).
+    ring
+        Largest radius of a patch in edges.
     """
-    wanted = mesh.used & ~mesh.passed_through[mesh.node_vertex]
-    found = _cover_with_disks(mesh, ring, wanted)
+    wanted = ~mesh.passed_through[mesh.node_vertex]
+    found = _cover_with_disks(mesh, centres, ring, wanted)
     return _assemble(mesh, found, _unheld(mesh, found))
 
 
@@ -133,7 +141,7 @@ def refine_patches(
     kept = patches.select(~replaced)
     depth, old_depth = (_deepest(mesh, part) for part in (kept, patches.select(replaced)))
     wanted = (old_depth > 0) & (depth < np.minimum(old_depth, max(ring // 2, 1)))
-    found = _cover_with_disks(mesh, ring, wanted)
+    found = _cover_with_disks(mesh, build_cover(mesh, ring, wanted), ring, wanted)
     unheld = patches.passed_through | _unheld(mesh, found, depth > 0)
     new = _assemble(mesh, found, unheld)
     return _concatenate(kept, new, unheld), np.arange(len(kept) + len(new)) >= len(kept)
@@ -198,19 +206,19 @@ class _Found:
     members: csr_array
 
 
-def _cover_with_disks(mesh: TriangleMesh, ring: int, wanted: Booleans) -> _Found:
+def _cover_with_disks(mesh: TriangleMesh, centres: Integers, ring: int, wanted: Booleans) -> _Found:
     """Cover the wanted nodes; where patches had to be made smaller, cover what they lost by smaller ones."""
     parts = []
     limit = ring
     remaining = wanted
-    while remaining.any():
-        centres = cover_by_rings(mesh, limit, remaining)
+    while len(centres):
         found = _largest_disks(mesh, centres, limit)
         parts.append(found)
         remaining = remaining & ~_held(mesh, found.members)
         if limit == 1:
             break
         limit = min(limit - 1, int(found.rings.max(initial=1)))
+        centres = build_cover(mesh, limit, remaining)
     if not parts:
         return _Found(np.zeros(0, np.int64), np.zeros(0, np.int64), csr_array((0, len(mesh.triangles)), dtype=bool))
     members = csr_array(vstack([part.members for part in parts], format="csr"))
