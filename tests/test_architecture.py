@@ -43,7 +43,7 @@ def imports(source: str) -> Iterator[tuple[int, str]]:
 
 
 def imported_layer(path: Path, level: int, name: str) -> str | None:
-    """Return the layer or top-level module of this package that an import in `path` reaches, None for another package."""
+    """Return the layer or top-level module of this package that an import in `path` reaches; None: another's."""
     if level == 0:
         first, _, rest = name.partition(".")
         return rest.partition(".")[0] or "sparse_surface" if first == "sparse_surface" else None

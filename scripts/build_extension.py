@@ -1,0 +1,151 @@
+"""Build and validate the extension zips in dist/ with Blender's own tools: one a platform, one without wheels.
+
+    python scripts/build_extension.py                       all of them
+    python scripts/build_extension.py linux-x64 nowheels    some of them
+
+The same sources and wheels give the same bytes: files go in by name, with one date and one mode, and without what
+the checkout happens to hold beside the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+import zipfile
+from pathlib import Path
+
+from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
+
+MANIFEST = "blender_manifest.toml"
+WITHOUT_WHEELS = "nowheels"
+LAYERS = ("operators", "solver", "ui")
+ROOT_FILES = ("__init__.py", "__main__.py", "cli.py", "LICENSE", "CHANGELOG.md")
+# The earliest date that a zip can hold, as seconds since 1970.
+DATE = 315532800
+
+
+class BuildError(Exception):
+    """A zip could not be built or is not valid."""
+
+
+def package_files() -> list[Path]:
+    """Return what belongs to the package, relative to the checkout, in order."""
+    layers = [
+        path.relative_to(CHECKOUT)
+        for layer in LAYERS
+        for path in (CHECKOUT / layer).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
+    ]
+    return sorted([*(Path(name) for name in ROOT_FILES if (CHECKOUT / name).exists()), *layers])
+
+
+def manifest_source() -> str:
+    return (CHECKOUT / MANIFEST).read_text(encoding="utf-8")
+
+
+def manifest_text(platform: str, wheels: list[str], files: list[Path]) -> str:
+    """Return the manifest of one zip: the checked-in one with wheels, platform and exact list of files."""
+    top, permissions, _ = re.split(r"^\[(?:permissions|build)\]\n", manifest_source(), flags=re.MULTILINE)
+    lines = [top]
+    if wheels:
+        lines += [f'platforms = ["{platform}"]', "wheels = [", *(f'    "./wheels/{name}",' for name in wheels), "]", ""]
+    lines += ["[permissions]", permissions]
+    lines += ["[build]", "paths = [", *(f'    "{path.as_posix()}",' for path in files), "]"]
+    return "\n".join(lines) + "\n"
+
+
+def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
+    """Copy the package into an empty folder with the manifest of its zip; every file gets one date and mode."""
+    shutil.rmtree(folder, ignore_errors=True)
+    files = package_files()
+    for path in files:
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(CHECKOUT / path, folder / path)
+    (folder / "wheels").mkdir()
+    for wheel in wheels:
+        shutil.copyfile(wheel, folder / "wheels" / wheel.name)
+    (folder / MANIFEST).write_text(manifest_text(platform, [wheel.name for wheel in wheels], files), encoding="utf-8")
+    for path in folder.rglob("*"):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+        os.utime(path, (DATE, DATE))
+
+
+def blender_extension_tool() -> Path:
+    """Return the script of Blender's extension tools that lies in the bpy package, without importing bpy."""
+    found = importlib.util.find_spec("bpy")
+    if found is None or found.origin is None:
+        raise BuildError("bpy is not installed here; `make venv` installs it.")
+    tools = sorted(Path(found.origin).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
+    if not tools:
+        raise BuildError("This bpy comes without the extension tools.")
+    return tools[-1]
+
+
+def run_tool(*arguments: str) -> None:
+    # The zip holds local times.
+    environment = {**os.environ, "TZ": "UTC"}
+    command = [sys.executable, "-I", str(blender_extension_tool()), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if done.returncode != 0:
+        raise BuildError(f"Blender's `extension {arguments[0]}` failed:\n{done.stdout}{done.stderr}")
+
+
+def zip_path(platform: str) -> Path:
+    version = tomllib.loads(manifest_source())["version"]
+    return CHECKOUT / "dist" / f"sparse_surface-{version}-{platform.replace('-', '_')}.zip"
+
+
+def build(platform: str) -> Path:
+    """Build and validate one zip.
+
+    Raises
+    ------
+    BuildError, WheelError
+        With the builder's or the validator's own words.
+    """
+    wheels = [] if platform == WITHOUT_WHEELS else fetch_platform(platform)
+    staging = CHECKOUT / "build" / "extension" / platform
+    stage(staging, platform, wheels)
+    target = zip_path(platform)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    run_tool("build", "--source-dir", str(staging), "--output-filepath", str(target))
+    run_tool("validate", str(target))
+    shutil.rmtree(staging)
+    return target
+
+
+def describe(path: Path) -> str:
+    with zipfile.ZipFile(path) as file:
+        names = file.namelist()
+    pythons = sorted({match for name in names for match in re.findall(r"-(cp\d+)-", name)})
+    wheels = (
+        f"{sum(name.endswith('.whl') for name in names)} wheels for {', '.join(pythons)}" if pythons else "no wheels"
+    )
+    return f"{path.relative_to(CHECKOUT)}  {path.stat().st_size / 1e6:6.1f} MB  {len(names)} files, {wheels}, valid"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    kinds = [*PLATFORMS, WITHOUT_WHEELS]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kinds", nargs="*", choices=[[], *kinds], metavar="KIND", help=", ".join(kinds))
+    options = parser.parse_args(arguments)
+    start = time.perf_counter()
+    try:
+        for kind in options.kinds or kinds:
+            print(describe(build(kind)), flush=True)
+    except (BuildError, WheelError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"done in {time.perf_counter() - start:.0f} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
