@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .blending import blending_weights
+from .cover import build_cover
 from .initial_domains import initial_domains
 from .mesh import TriangleMesh, _checked_faces, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
@@ -163,7 +164,7 @@ def approximate_steps(
         mesh = build_mesh(source, faces, triangles)
     yield Progress("Covering with patches", 0.01)
     with watch.stage("cover"):
-        patches = build_patches(mesh, settings.ring)
+        patches = build_patches(mesh, build_cover(mesh, settings.ring), settings.ring)
         blend = blending_weights(mesh, patches, settings.blending)
     yield Progress("Parameterising patches", 0.03, f"{len(patches)} patches")
     with watch.stage("domains"):

@@ -1,0 +1,62 @@
+"""Sparse Surface without Blender: meshes and point clouds to sparse patches over optimised domains.
+
+>>> from sparse_surface.solver import Settings, approximate
+>>> result = approximate(vertices, faces, Settings(ring=7))            # doctest: +SKIP
+>>> result.representation.evaluate(face_index, barycentric)            # doctest: +SKIP
+
+Names are imported when they are first used: loading the add-on must not wait for SciPy.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
+    from .pipeline import Approximation, approximate, approximate_steps
+    from .progress import FINISH, Progress, run_to_end
+    from .representation import Representation
+    from .settings import PRESETS, Settings
+
+_HOME = {
+    "Approximation": "pipeline",
+    "Cancelled": "errors",
+    "FINISH": "progress",
+    "FileFormatError": "errors",
+    "InputError": "errors",
+    "PRESETS": "settings",
+    "Progress": "progress",
+    "Representation": "representation",
+    "Settings": "settings",
+    "SettingsError": "errors",
+    "SparseSurfaceError": "errors",
+    "WorkerError": "errors",
+    "approximate": "pipeline",
+    "approximate_steps": "pipeline",
+    "run_to_end": "progress",
+}
+
+__all__ = [
+    "FINISH",
+    "PRESETS",
+    "Approximation",
+    "Cancelled",
+    "FileFormatError",
+    "InputError",
+    "Progress",
+    "Representation",
+    "Settings",
+    "SettingsError",
+    "SparseSurfaceError",
+    "WorkerError",
+    "approximate",
+    "approximate_steps",
+    "run_to_end",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)
