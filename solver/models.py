@@ -11,6 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -331,6 +333,16 @@ def _quads_of(number: Integers) -> Integers:
     """Return the quads between the rows and columns of a grid of vertex numbers."""
     corners = (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1])
     return np.stack(corners, axis=-1).reshape(-1, 4)
+
+
+def _alternating_triangles(quads: Integers) -> Integers:
+    """Split quads along the diagonals between every other vertex of a mesh whose vertices take two colours."""
+    count = int(quads.max()) + 1
+    ends = np.stack((quads, np.roll(quads, -1, axis=1)), axis=-1).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
+    even = dijkstra(graph, directed=False, indices=0, unweighted=True)[quads[:, 0]] % 2 == 0
+    first = np.where(even[:, None], quads, np.roll(quads, 1, axis=1))
+    return np.concatenate((first[:, [0, 1, 2]], first[:, [0, 2, 3]]))
 
 
 def _without_loose(vertices: Floats, faces: Integers) -> Model:
