@@ -172,13 +172,15 @@ def build_batch(problems: list[Problem]) -> Batch:
     )
 
 
-def warm_domains(problems: list[Problem], start: Array) -> Array:
-    """Domains from which to start, (2, B, m): the earlier solution where a problem has one, else `start`."""
+def warm_starts(problems: list[Problem], start: Array) -> tuple[Array, Indices]:
+    """Domains (2, B, m) and functions (B, D, s) of the problems' earlier solutions; every problem must have one."""
     domains = start.copy()
+    supports = []
     for k, problem in enumerate(problems):
-        if problem.warm is not None:
-            domains[:, k, : len(problem.domain)] = problem.warm.domain.T
-    return domains
+        assert problem.warm is not None
+        domains[:, k, : len(problem.domain)] = problem.warm.domain.T
+        supports.append(problem.warm.support)
+    return domains, np.stack(supports)
 
 
 def frame_of(problem: Problem) -> Frame:

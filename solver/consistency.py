@@ -39,10 +39,12 @@ class Blend:
         self._at_vertices = (1.0 - covered)[:, None] * mesh.vertices
         covered = np.bincount(patches.mesh_triangles, weights=self.centroid_weights, minlength=len(mesh.triangles))
         self._at_centroids = (1.0 - covered)[:, None] * self.centroids
+        self._missing = np.bincount(patches.vertices, weights=weights, minlength=len(mesh.vertices))
 
     def add(self, patch: int, fit: PatchFit, sign: float = 1.0) -> None:
         """Add a patch's part to the surface, or take it away with sign -1."""
         at_vertices, at_triangles = self.parts(patch)
+        self._missing[self.patches.vertices[at_vertices]] -= sign * self.vertex_weights[at_vertices]
         self._at_vertices[self.patches.vertices[at_vertices]] += (
             sign * self.vertex_weights[at_vertices, None] * fit.values
         )
@@ -55,9 +57,9 @@ class Blend:
         offsets, faces = self.patches.vertex_offsets, self.patches.triangle_offsets
         return slice(offsets[patch], offsets[patch + 1]), slice(faces[patch], faces[patch + 1])
 
-    def vertices(self) -> Array:
-        """The surface at the input's vertices, (V, 3)."""
-        return self._at_vertices
+    def preview(self) -> Array:
+        """The surface at the input's vertices while patches come in, (V, 3): blended where they are there."""
+        return self._at_vertices + self._missing[:, None] * self.mesh.vertices
 
     def remainder(self, patch: int, fit: PatchFit) -> tuple[Array, Array]:
         """What the other patches leave for this one, phi_k times its target, at vertices (m, 3) and centroids (t, 3)."""

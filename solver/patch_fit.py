@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from .batch import Frame, Problem, build_batch
+from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .blending import fitting_weights
 from .dictionary import Dictionary
 from .mesh import TriangleMesh
 from .patches import Patches
 from .settings import Settings
-from .variable_projection import fitted_values, solve
+from .variable_projection import Solution, final_weights, fitted_values, improve, solve
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -27,6 +27,9 @@ SMALL_PATCH_DEGREE = 7
 CENTROID_WEIGHT = 0.5
 SMALL_PATCH_CENTROID_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
+
+SWEEP_ITERATIONS = 5
+"""Steps that a patch takes when a sweep re-fits it."""
 
 CHUNK_PROBLEMS = 16
 CHUNK_OBSERVATIONS = 16_000
@@ -145,15 +148,7 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
     with threadpool_limits(1, user_api="blas"):
         batch = build_batch(task.problems)
         dictionary = Dictionary(settings.degree, settings.basis)
-        solution = solve(
-            batch,
-            dictionary,
-            sparsity=settings.sparsity,
-            iterations=settings.iterations,
-            beta1=settings.beta1,
-            beta2=settings.beta2,
-            pursuit=settings.pursuit,
-        )
+        solution = _solution(batch, dictionary, task)
     each = len(task.problems) // len(task.patches)
     energy = np.array(solution.energy).reshape(-1, batch.problems)
     fitted = fitted_values(batch, solution.fit, dictionary)
@@ -179,3 +174,22 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
             )
         )
     return fits
+
+
+def _solution(batch: Batch, dictionary: Dictionary, task: ChunkTask) -> Solution:
+    """From scratch, or on from an earlier solution."""
+    settings = task.settings
+    if task.problems[0].warm is None:
+        return solve(
+            batch,
+            dictionary,
+            sparsity=settings.sparsity,
+            iterations=settings.iterations,
+            beta1=settings.beta1,
+            beta2=settings.beta2,
+            pursuit=settings.pursuit,
+        )
+    domain, support = warm_starts(task.problems, batch.start)
+    weights = final_weights(settings.iterations, settings.beta1, settings.beta2)
+    iterations = min(SWEEP_ITERATIONS, settings.iterations)
+    return improve(batch, dictionary, domain, support, iterations=iterations, weights=weights)

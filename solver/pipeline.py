@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .blending import blending_weights
+from .consistency import Blend, sweep
 from .cover import build_cover
+from .execution import run_chunks
 from .initial_domains import initial_domains
 from .mesh import TriangleMesh, _checked_faces, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
-from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task, fit_chunk
+from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
 from .patches import Patches, build_patches
 from .progress import FINISH, Progress, Steps, run_to_end
 from .representation import Representation
@@ -28,8 +30,8 @@ from .version import VERSION
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SOLVE_STARTS, SOLVE_ENDS = 0.08, 0.92
-"""Share of the progress bar at which the patches begin and end."""
+SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
+"""Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""
 
 
 @dataclass(frozen=True)
@@ -79,26 +81,6 @@ class Stopwatch:
     def total(self) -> float:
         """Seconds since the start."""
         return time.perf_counter() - self._start
-
-
-class Preview:
-    """The surface while patches come in: blended where they are there, the input elsewhere."""
-
-    def __init__(self, mesh: TriangleMesh, patches: Patches, weights: Array) -> None:
-        self._mesh, self._patches, self._weights = mesh, patches, weights
-        self._sum = np.zeros_like(mesh.vertices)
-        self._weight = np.zeros(len(mesh.vertices))
-
-    def add(self, patch: int, values: Array) -> None:
-        """Blend in a patch's values at its vertices (m, 3)."""
-        part = slice(self._patches.vertex_offsets[patch], self._patches.vertex_offsets[patch + 1])
-        vertices, weights = self._patches.vertices[part], self._weights[part]
-        self._sum[vertices] += weights[:, None] * values
-        self._weight[vertices] += weights
-
-    def vertices(self) -> Array:
-        """The surface as it stands, (V, 3)."""
-        return self._sum + (1.0 - self._weight)[:, None] * self._mesh.vertices
 
 
 def approximate(
@@ -169,10 +151,14 @@ def approximate_steps(
     yield Progress("Parameterising patches", 0.03, f"{len(patches)} patches")
     with watch.stage("domains"):
         domains = initial_domains(mesh, patches, settings.initial_domain)
+    surface = Blend(mesh, patches, blend, settings.blending)
     with watch.stage("solve"):
-        fits = yield from _solve(mesh, patches, domains, blend, settings, executor)
+        fits, hurry = yield from _solve(surface, domains, settings, executor)
+    if settings.sweeps and not hurry:
+        with watch.stage("sweeps"):
+            yield from _sweep(surface, domains, fits, settings, executor)
     representation = assemble(mesh, _checked_faces(faces, len(source)), patches, blend, fits, settings)
-    yield Progress("Blending", SOLVE_ENDS)
+    yield Progress("Blending", SWEEPS_END)
     with watch.stage("blend"):
         points = representation.at_vertices()
     yield Progress("Measuring", 0.95, vertices=points)
@@ -180,34 +166,51 @@ def approximate_steps(
 
 
 def _solve(
-    mesh: TriangleMesh,
-    patches: Patches,
-    domains: Array,
-    weights: Array,
-    settings: Settings,
-    executor: Executor | None,
-) -> Steps[list[PatchFit]]:
-    """Fit every patch, chunk by chunk, on the executor where there is one."""
-    fits: dict[int, PatchFit] = {}
-    preview = Preview(mesh, patches, weights)
-    count = len(patches)
-    hurry = False
-    for chunk in chunk_patches(patches, np.arange(count), 3 if settings.domains == "separate" else 1):
-        task = chunk_task(mesh, patches, domains, weights, settings, chunk)
-        if hurry:
-            task = replace(task, settings=replace(settings, iterations=0))
-        for patch, fit in zip(chunk, fit_chunk(task), strict=True):
-            fits[int(patch)] = fit
-            preview.add(int(patch), fit.values)
-        share = len(fits) / max(count, 1)
-        request = yield Progress(
-            "Solving patches",
-            SOLVE_STARTS + (SOLVE_ENDS - SOLVE_STARTS) * share,
-            f"{len(fits)} of {count} patches",
-            preview.vertices(),
-        )
-        hurry = hurry or request == FINISH
-    return [fits[k] for k in range(count)]
+    surface: Blend, domains: Array, settings: Settings, executor: Executor | None
+) -> Steps[tuple[list[PatchFit], bool]]:
+    """Fit every patch by itself; returns the fits and whether the rest was hurried on request."""
+    patches, count = surface.patches, len(surface.patches)
+    fits: list[PatchFit | None] = [None] * count
+    end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
+    hurried = replace(settings, iterations=0)
+    state = {"hurry": False}
+
+    def tasks() -> Iterator[ChunkTask]:
+        for chunk in chunk_patches(patches, np.arange(count), _channels(settings)):
+            yield chunk_task(
+                surface.mesh, patches, domains, surface.vertex_weights, hurried if state["hurry"] else settings, chunk
+            )
+
+    done = 0
+    for task, fitted in run_chunks(tasks(), executor):
+        for patch, fit in zip(task.patches, fitted, strict=True):
+            fits[patch] = fit
+            surface.add(int(patch), fit)
+        done += len(fitted)
+        share = SOLVE_STARTS + (end - SOLVE_STARTS) * done / count
+        request = yield Progress("Solving patches", share, f"{done} of {count} patches", surface.preview())
+        state["hurry"] = state["hurry"] or request == FINISH
+    return [fit for fit in fits if fit is not None], state["hurry"]
+
+
+def _sweep(
+    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, executor: Executor | None
+) -> Steps[None]:
+    """Make the patches consistent; changes `fits`."""
+    total = settings.sweeps * len(fits)
+    done = 0
+    for number in range(settings.sweeps):
+        for count in sweep(surface, domains, fits, settings, lambda tasks: run_chunks(tasks, executor)):
+            done += count
+            share = SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * done / total
+            request = yield Progress("Blending patches", share, f"sweep {number + 1}", surface.preview())
+            if request == FINISH:
+                return
+
+
+def _channels(settings: Settings) -> int:
+    """Number of domains that a patch has."""
+    return 3 if settings.domains == "separate" else 1
 
 
 def assemble(
@@ -219,7 +222,7 @@ def assemble(
     settings: Settings,
 ) -> Representation:
     """Put the fitted patches together."""
-    channels = 3 if settings.domains == "separate" else 1
+    channels = _channels(settings)
     sparsity = max((fit.support.shape[1] for fit in fits), default=0)
 
     def joined(arrays: list[Array]) -> Array:

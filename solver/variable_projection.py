@@ -114,8 +114,7 @@ def solve(
     Solution
     """
     domain = batch.start.copy()
-    fit = select(batch, dictionary, domain, sparsity, pursuit)
-    solution = Solution(domain, fit)
+    solution = Solution(domain, select(batch, dictionary, domain, sparsity, pursuit))
     damping = np.zeros(batch.problems)
     for iteration in range(iterations):
         weights = (beta1 * PROXIMITY_DECAY**iteration, beta2 * RIGIDITY_DECAY**iteration)
@@ -123,6 +122,41 @@ def solve(
             reselect(batch, dictionary, solution, sparsity, pursuit)
         solution.energy.append(step(batch, dictionary, solution, weights, damping))
     return solution
+
+
+def improve(
+    batch: Batch,
+    dictionary: Dictionary,
+    domain: Array,
+    support: Indices,
+    *,
+    iterations: int,
+    weights: tuple[float, float],
+) -> Solution:
+    """Go on from an earlier solution with its functions held and the regularisation fixed.
+
+    Parameters
+    ----------
+    domain
+        Where to start, (2, B, m).
+    support
+        Functions of each signal, (B, D, s).
+    iterations
+        Gauss-Newton steps.
+    weights
+        beta1 and beta2 of eq. 4.
+    """
+    solution = Solution(domain, least_squares(batch, dictionary, domain, support))
+    damping = np.zeros(batch.problems)
+    for _ in range(iterations):
+        solution.energy.append(step(batch, dictionary, solution, weights, damping))
+    return solution
+
+
+def final_weights(iterations: int, beta1: float, beta2: float) -> tuple[float, float]:
+    """beta1 and beta2 at the last of the iterations."""
+    last = max(iterations - 1, 0)
+    return beta1 * PROXIMITY_DECAY**last, beta2 * RIGIDITY_DECAY**last
 
 
 def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, pursuit: str) -> Fit:
