@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from .triangulation import triangulate
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Model = tuple[Floats, Integers]
@@ -49,7 +51,7 @@ def flower() -> Model:
     Its triangles meet four or eight at a vertex.
     """
     vertices, quads = _prism(30, 51, lambda angle: 0.62 + 0.38 * np.abs(np.cos(2.5 * angle)), height=1.9, half_size=2.0)
-    return vertices, _alternating_triangles(quads)
+    return vertices, _alternating_triangles(vertices, quads)
 
 
 def detailed() -> Model:
@@ -57,7 +59,7 @@ def detailed() -> Model:
     directions, faces = _geodesic_sphere(75, jitter=_JITTER)
     x, y, z = directions.T
     body = 1 + 0.25 * x * z + 0.15 * np.cos(2.4 * y + 0.5) - 0.2 * z**3
-    relief = _waves(directions, frequencies=(4.0, 7.0, 12.0, 20.0), amplitudes=(0.05, 0.03, 0.012, 0.005), seed=7)
+    relief = _waves(directions, frequencies=(4.0, 8.0, 15.0, 26.0, 40.0), amplitudes=(0.1, 0.1, 0.06, 0.03, 0.012), seed=7)
     stretched = directions * (body + relief)[:, None] * np.array([1.5, 0.8, 1.0])
     return stretched / np.ptp(stretched, axis=0).max(), faces
 
@@ -101,10 +103,15 @@ def creased_terrain(vertex_count: int = 1_000_000) -> Model:
     side = max(int(round(np.sqrt(vertex_count))), 2)
     row, column = np.divmod(np.arange(side * side), side)
     plane = np.column_stack((column, row)) + _jitter((side * side, 2), seed=11)
+    ridges = ((0.4, 41.0), (1.3, 53.0), (2.5, 67.0))  # direction across and distance between
+    for direction, period in ridges:
+        across = np.array([np.cos(direction), np.sin(direction)])
+        off = _from_crest(plane, across, period)
+        plane -= np.where(np.abs(off) < 0.3, off, 0.0)[:, None] * across
     height = 3.0 * _waves(plane, frequencies=(0.02, 0.05, 0.11, 0.23), amplitudes=(2.0, 0.8, 0.3, 0.1), seed=3)
-    for direction, period in ((0.4, 41.0), (1.3, 53.0), (2.5, 67.0)):
-        along = plane @ np.array([np.cos(direction), np.sin(direction)]) + 6 * np.sin(plane[:, 0] / 60 + direction)
-        height = np.maximum(height, 6.0 - 1.1 * np.abs((along + 0.5 * period) % period - 0.5 * period))
+    for direction, period in ridges:
+        across = np.array([np.cos(direction), np.sin(direction)])
+        height = np.maximum(height, 6.0 - 1.1 * np.abs(_from_crest(plane, across, period)))
     number = np.arange(side * side).reshape(side, side)
     a, b, c, d = (part.reshape(-1) for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
     odd = (row + column)[a] % 2 == 1
@@ -335,14 +342,25 @@ def _quads_of(number: Integers) -> Integers:
     return np.stack(corners, axis=-1).reshape(-1, 4)
 
 
-def _alternating_triangles(quads: Integers) -> Integers:
-    """Split quads along the diagonals between every other vertex of a mesh whose vertices take two colours."""
+def _alternating_triangles(vertices: Floats, quads: Integers) -> Integers:
+    """Split quads along the diagonals between every other vertex of a mesh whose vertices take two colours.
+
+    Where that would make a needle, the other diagonal is taken.
+    """
     count = int(quads.max()) + 1
     ends = np.stack((quads, np.roll(quads, -1, axis=1)), axis=-1).reshape(-1, 2)
     graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
     even = dijkstra(graph, directed=False, indices=0, unweighted=True)[quads[:, 0]] % 2 == 0
     first = np.where(even[:, None], quads, np.roll(quads, 1, axis=1))
-    return np.concatenate((first[:, [0, 1, 2]], first[:, [0, 2, 3]]))
+    triangles, _ = triangulate(vertices, first.reshape(-1), 4 * np.arange(len(first) + 1))
+    return triangles
+
+
+def _from_crest(plane: Floats, across: Floats, period: float) -> Floats:
+    """Return the distance of points in the plane from the nearest of many gently winding lines, (V,)."""
+    along = plane @ np.array([-across[1], across[0]])
+    position = plane @ across + 6 * np.sin(along / 60)
+    return (position + 0.5 * period) % period - 0.5 * period
 
 
 def _without_loose(vertices: Floats, faces: Integers) -> Model:
