@@ -87,13 +87,14 @@ def _lower(distance: Integers, offsets: Integers, neighbours: NDArray[np.integer
     if walls.any():
         reached = np.where(walls, _FAR, distance)
     reached[sources] = 0
+    tag = np.empty(len(distance), dtype=np.int64)
     front, step = sources, 0
     while len(front):
         step += 1
         nearby, _ = gather_neighbours(offsets, neighbours, front)
         nearby = nearby[reached[nearby] > step]
         reached[nearby] = step
-        front = np.unique(nearby)
+        front = _once(nearby, tag)
     if reached is not distance:
         distance[:] = np.where(walls, -1, reached)
 
@@ -104,6 +105,7 @@ def _mutually_distant(
     """Return the candidates that outrank every other candidate within less than `hops` edges."""
     if len(candidates) == 1:
         return candidates
+    tag = np.empty(len(offsets) - 1, dtype=np.int64)
     highest = np.full(len(offsets) - 1, -1, dtype=np.int64)
     highest[candidates] = rank[candidates]
     front = candidates
@@ -115,8 +117,15 @@ def _mutually_distant(
         if len(nearby) == 0:
             break
         np.maximum.at(highest, nearby, value)
-        front = np.unique(nearby)
+        front = _once(nearby, tag)
     return candidates[highest[candidates] == rank[candidates]]
+
+
+def _once(nodes: Integers, tag: Integers) -> Integers:
+    """Return each node once; `tag` (N,) is scratch space.  Unlike sorting this takes linear time."""
+    number = np.arange(len(nodes))
+    tag[nodes] = number
+    return nodes[tag[nodes] == number]
 
 
 def _scrambled(count: int) -> Integers:

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
+from scipy.linalg import LinAlgError, solveh_banded
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from .mesh import TriangleMesh
@@ -25,7 +27,8 @@ Booleans = NDArray[np.bool_]
 METHODS = ("lscm", "harmonic", "tutte")
 """The methods, in the order in which one stands in for the one before it."""
 
-_CHUNK = 50_000  # vertices factorised together; bounds the memory
+_CHUNK = 20_000  # vertices factorised together; bounds the memory
+_WIDEST_BAND = 200
 _SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
 _SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
 
@@ -78,13 +81,17 @@ def squeeze(mesh: TriangleMesh, patches: Patches, domains: Floats) -> Floats:
     The 2nd percentile of the triangles' area ratio (domain / surface) against the median: 1 for an isometric domain,
     small where a finger of the surface lies in a narrow spot of the domain.  Below 0.1 a patch should be split.
     """
-    ratio = _area_ratios(_Geometry.of(mesh, patches), patches, domains)
-    order = np.lexsort((ratio, patches.triangle_patch))
-    ranked = ratio[order]
-    first, sizes = patches.triangle_offsets[:-1], np.diff(patches.triangle_offsets)
-    low = ranked[first + (0.02 * (sizes - 1)).astype(np.int64)]
-    median = ranked[first + (sizes - 1) // 2]
-    return np.divide(low, median, out=np.zeros(len(patches)), where=median > 0)
+    result = np.zeros(len(patches))
+    for low, high in _chunk_bounds(patches.vertex_offsets):
+        part = patches.select(np.arange(low, high))
+        rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
+        ratio = _area_ratios(_Geometry.of(mesh, part), part, domains[rows])
+        ranked = ratio[np.lexsort((ratio, part.triangle_patch))]
+        first, sizes = part.triangle_offsets[:-1], np.diff(part.triangle_offsets)
+        worst = ranked[first + (0.02 * (sizes - 1)).astype(np.int64)]
+        median = ranked[first + (sizes - 1) // 2]
+        np.divide(worst, median, out=result[low:high], where=median > 0)
+    return result
 
 
 def _chunk_bounds(offsets: Integers) -> list[tuple[int, int]]:
@@ -102,9 +109,10 @@ def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Flo
     best = np.full(len(patches), -np.inf)
     pending = np.arange(len(patches))
     for number in range(method, len(METHODS)):
-        part = patches.select(pending)
+        all_of_them = len(pending) == len(patches)
+        part = patches if all_of_them else patches.select(pending)
+        part_geometry = geometry if all_of_them else geometry.select(patches, pending)
         rows = np.flatnonzero(np.isin(patches.vertex_patch, pending))
-        part_geometry = geometry.select(patches, pending)
         found = _scaled(part, part_geometry, _SOLVERS[METHODS[number]](part, part_geometry))
         worst = np.minimum.reduceat(_area_ratios(part_geometry, part, found), part.triangle_offsets[:-1])
         better = worst > best[pending]
@@ -225,19 +233,19 @@ def _solve_lscm(patches: Patches, geometry: _Geometry) -> Floats:
     values[second[values[second] == 0]] = 1.0
     held = np.zeros(count, dtype=bool)
     held[first] = held[second] = True
-    solved = _solve_held(csc_array(energy), held, values)
+    solved = _solve_held(csr_array(energy), held, values)
     return np.stack((solved.real, solved.imag), axis=1)
 
 
 def _solve_harmonic(patches: Patches, geometry: _Geometry) -> Floats:
     laplacian = _laplacian(patches.block_triangles, 0.5 * _cotangents(geometry), len(patches.vertices))
-    return _inside_circle(patches, geometry, csc_array(laplacian))
+    return _inside_circle(patches, geometry, csr_array(laplacian))
 
 
 def _solve_tutte(patches: Patches, geometry: _Geometry) -> Floats:
     triangles = patches.block_triangles
     laplacian = _laplacian(triangles, np.full(triangles.shape, 0.5), len(patches.vertices))
-    return _inside_circle(patches, geometry, csc_array(laplacian))
+    return _inside_circle(patches, geometry, csr_array(laplacian))
 
 
 _SOLVERS: dict[str, Callable[[Patches, _Geometry], Floats]] = {
@@ -247,7 +255,7 @@ _SOLVERS: dict[str, Callable[[Patches, _Geometry], Floats]] = {
 }
 
 
-def _inside_circle(patches: Patches, geometry: _Geometry, laplacian: csc_array) -> Floats:
+def _inside_circle(patches: Patches, geometry: _Geometry, laplacian: csr_array) -> Floats:
     """Lay each border on a circle by the length of its edges and solve for the inside."""
     offsets, loops = boundary_loops(patches)
     following = _next_on_loop(offsets, loops)
@@ -267,28 +275,52 @@ def _inside_circle(patches: Patches, geometry: _Geometry, laplacian: csc_array) 
     return np.stack((solved.real, solved.imag), axis=1)
 
 
-def _solve_held(
-    matrix: csc_array, held: Booleans, values: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def _solve_held(matrix: csr_array, held: Booleans, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Minimise the quadratic form of a Hermitian block-diagonal matrix with some values held."""
-    free = np.flatnonzero(~held)
-    result = values.copy()
-    if len(free) == 0:
+    result = np.where(held, values, 0.0)
+    if held.all():
         return result
-    columns = csc_array(matrix[:, free])
-    right = -(columns.conj().T @ values) if matrix.dtype.kind == "c" else -(columns.T @ values)
+    ordered = reverse_cuthill_mckee(matrix, symmetric_mode=True)
+    free = ordered[~held[ordered]]
+    result[free] = _solve_positive(matrix, free, -(matrix @ result)[free])
+    return result
+
+
+def _solve_positive(matrix: csr_array, order: Integers, right: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Solve the rows and columns `order` of a positive definite matrix.
+
+    Small patches make a narrow band, in which Cholesky's factorisation is faster than a general sparse one.
+    """
+    position = np.full(matrix.shape[0], -1, dtype=np.int64)
+    position[order] = np.arange(len(order))
+    row, column = np.repeat(position, np.diff(matrix.indptr)), position[matrix.indices]
+    upper = (row >= 0) & (column >= row)
+    row, column = row[upper], column[upper]
+    width = int((column - row).max())
+    if width <= _WIDEST_BAND:
+        band = np.zeros((width + 1, len(order)), dtype=matrix.dtype, order="F")
+        band[width + row - column, column] = matrix.data[upper]
+        try:
+            return _with_real_matrix(lambda sides: solveh_banded(band, sides, check_finite=False), matrix, right)
+        except LinAlgError:
+            pass  # rounding made it indefinite
     factor = splu(
-        csc_array(columns[free]),
+        csc_array(matrix[order][:, order]),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
+    return _with_real_matrix(factor.solve, matrix, right)
+
+
+def _with_real_matrix(
+    solve: Callable[[NDArray[np.inexact]], NDArray[np.inexact]], matrix: csr_array, right: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Solve for a complex right side, as two real ones where the matrix is real."""
     if matrix.dtype.kind == "c":
-        result[free] = factor.solve(right)
-    else:
-        both = factor.solve(np.stack((right.real, right.imag), axis=1))
-        result[free] = both[:, 0] + 1j * both[:, 1]
-    return result
+        return np.asarray(solve(right), dtype=np.complex128)
+    both = solve(np.stack((right.real, right.imag), axis=1))
+    return np.asarray(both[:, 0] + 1j * both[:, 1], dtype=np.complex128)
 
 
 def _next_on_loop(offsets: Integers, loops: Integers) -> Integers:

@@ -112,6 +112,22 @@ class TriangleMesh:
         shape = (self.node_count, len(self.triangles))
         return csr_array((ones, self.fan_triangles, self.fan_offsets), shape=shape)
 
+    @cached_property
+    def triangle_edge_incidence(self) -> csr_array:
+        """Which edges belong to which triangle, (T, E)."""
+        rows = np.flatnonzero(~self.collapsed)
+        offsets = np.concatenate(([0], np.cumsum(np.where(self.collapsed, 0, 3))))
+        ones = np.ones(3 * len(rows), dtype=bool)
+        shape = (len(self.triangles), len(self.edges))
+        return csr_array((ones, self.triangle_edges[rows].reshape(-1), offsets), shape=shape)
+
+    @cached_property
+    def twin_of_edge(self) -> Integers:
+        """First edge between the same nodes for edges that are not alone between theirs, (E,); -1 for all others."""
+        key = self.edges.min(axis=1) * np.int64(self.node_count) + self.edges.max(axis=1)
+        _, first, number, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+        return np.where(count[number] > 1, first[number], -1)
+
     @property
     def longest_side(self) -> float:
         """Longest side of the bounding box of all vertices."""

@@ -107,7 +107,7 @@ def creased_terrain(vertex_count: int = 1_000_000) -> Model:
     for direction, period in ridges:
         across = np.array([np.cos(direction), np.sin(direction)])
         off = _from_crest(plane, across, period)
-        plane -= np.where(np.abs(off) < 0.3, off, 0.0)[:, None] * across
+        plane -= np.where(np.abs(off) < 0.42, off, 0.0)[:, None] * across
     height = 3.0 * _waves(plane, frequencies=(0.02, 0.05, 0.11, 0.23), amplitudes=(2.0, 0.8, 0.3, 0.1), seed=3)
     for direction, period in ridges:
         across = np.array([np.cos(direction), np.sin(direction)])

@@ -189,9 +189,12 @@ def _rank_in_cycle(following: Integers, first: Integers) -> Integers:
 def _boundary_sides(triangles: Integers, vertex_count: int) -> tuple[Integers, Integers]:
     """Return start and end of the triangle sides that have no opposite side."""
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
-    key, opposite = start * vertex_count + end, end * vertex_count + start
-    alone = ~np.isin(key, opposite)
-    return start[alone], end[alone]
+    ones = np.ones(len(start), dtype=np.int8)
+    sides = csr_array((ones, (start, end)), shape=(vertex_count, vertex_count))
+    alone = (sides - sides.T).tocoo()
+    kept = alone.data > 0
+    rows, columns = alone.coords
+    return rows[kept].astype(np.int64), columns[kept].astype(np.int64)
 
 
 # ------------------------------------------------------------------------------------------------------ finding disks
@@ -283,9 +286,14 @@ def _held(mesh: TriangleMesh, members: csr_array) -> Booleans:
     held = np.zeros(mesh.node_count, dtype=bool)
     fan_sizes = np.diff(mesh.fan_offsets)
     for rows in _chunks(members):
-        local = _Local.of(mesh, rows)
-        held[local.node[local.triangle_count == fan_sizes[local.node]]] = True
+        counts = _count(rows, mesh.incidence.T)
+        held[counts.indices[counts.data == fan_sizes[counts.indices]]] = True
     return held
+
+
+def _count(members: csr_array, what: csr_array) -> csr_array:
+    """Return how many triangles of each patch lie at each node or edge, of which `what` (T, n) tells."""
+    return csr_array(members.astype(np.int32) @ what.astype(np.int32))
 
 
 def _unheld(mesh: TriangleMesh, found: _Found, held_already: Booleans | None = None) -> Booleans:
@@ -329,12 +337,6 @@ class _Local:
         patch, node = np.divmod(keys, np.int64(mesh.node_count))
         return cls(node, patch, count, corners.reshape(-1, 3), row, triangle, members.shape[0])
 
-    def sides(self, mesh: TriangleMesh) -> tuple[Integers, Integers]:
-        """Return a number for each triangle side, (S, 3), equal on both sides of an edge, and the count of each."""
-        key = self.row[:, None] * np.int64(len(mesh.edges)) + mesh.triangle_edges[self.mesh_triangle]
-        _, side, count = np.unique(key.reshape(-1), return_inverse=True, return_counts=True)
-        return side.reshape(-1, 3), count
-
 
 def _chunks(members: csr_array) -> list[csr_array]:
     if members.shape[0] <= _CHUNK:
@@ -361,30 +363,25 @@ def _are_disks(mesh: TriangleMesh, members: csr_array) -> Booleans:
     Patches are connected, and around each node there is one fan.  So a boundary with two sides at each of its vertices
     makes a patch a surface with boundary, and of these only the disk has Euler characteristic 1.
     """
-    local = _Local.of(mesh, members)
-    side, count = local.sides(mesh)
-    count_by_patch = np.bincount(local.patch, minlength=local.patch_count)
-    triangles = np.bincount(local.row, minlength=local.patch_count)
-    border = count[side] == 1
-    border_sides = np.bincount(local.row, weights=border.sum(axis=1), minlength=local.patch_count).astype(np.int64)
-    edges = (3 * triangles + border_sides) // 2
-    at_vertex = np.zeros(len(local.node), dtype=np.int64)
-    for ends in (local.corners, np.roll(local.corners, -1, axis=1)):
-        at_vertex += np.bincount(ends[border], minlength=len(local.node))
-    pinched = np.zeros(local.patch_count, dtype=bool)
-    pinched[local.patch[at_vertex > 2]] = True
-    return (count_by_patch - edges + triangles == 1) & (border_sides >= 3) & ~pinched & ~_has_twin_edges(local, side)
+    vertices = _count(members, mesh.incidence.T)
+    edges = _count(members, mesh.triangle_edge_incidence)
+    row = np.repeat(np.arange(members.shape[0]), np.diff(edges.indptr))
+    on_border = edges.data == 1
+    border_row, border_edge = row[on_border], edges.indices[on_border]
+    ends = border_row[:, None] * np.int64(mesh.node_count) + mesh.edges[border_edge]
+    end, count = np.unique(ends, return_counts=True)
+    bad = np.bincount(border_row, minlength=members.shape[0]) < 3
+    bad[end[count > 2] // mesh.node_count] = True
+    bad[_rows_with_twin_edges(mesh, row, edges.indices)] = True
+    vertex_count, edge_count, triangle_count = (np.diff(matrix.indptr) for matrix in (vertices, edges, members))
+    return (vertex_count - edge_count + triangle_count == 1) & ~bad
 
 
-def _has_twin_edges(local: _Local, side: Integers) -> Booleans:
-    """Tell which patches have two edges between the same nodes: no straight-edged domain could hold them."""
-    _, first = np.unique(side.reshape(-1), return_index=True)
-    start = local.corners.reshape(-1)[first]
-    end = np.roll(local.corners, -1, axis=1).reshape(-1)[first]
-    key = np.sort(np.minimum(start, end) * np.int64(len(local.node)) + np.maximum(start, end))
-    twins = np.zeros(local.patch_count, dtype=bool)
-    twins[local.patch[key[1:][key[1:] == key[:-1]] // len(local.node)]] = True
-    return twins
+def _rows_with_twin_edges(mesh: TriangleMesh, row: Integers, edge: Integers) -> Integers:
+    """Return the patches that have two edges between the same nodes: no straight-edged domain could hold them."""
+    twin = mesh.twin_of_edge[edge] >= 0
+    key = np.sort(row[twin] * np.int64(len(mesh.edges)) + mesh.twin_of_edge[edge[twin]])
+    return key[1:][key[1:] == key[:-1]] // len(mesh.edges)
 
 
 def _fill_gaps(mesh: TriangleMesh, members: csr_array, centres: Integers, ring: int) -> csr_array:
