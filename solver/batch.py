@@ -98,6 +98,8 @@ class Batch:
         Highest total degree of each problem, (B,).
     energy
         Regularisation of all the domains, on the flattened vertices.
+    laplacian
+        Laplacian of the initial domains, (B m, B m).
     observe, collect
         Sparse matrix W from vertices to observations, (B N, B m), and its transpose.
     diagonal
@@ -111,6 +113,7 @@ class Batch:
     root_weights: Array
     degrees: Indices
     energy: DomainEnergy
+    laplacian: sp.csr_matrix
     observe: sp.csr_matrix
     collect: sp.csr_matrix
     diagonal: sp.csr_matrix
@@ -158,6 +161,7 @@ def build_batch(problems: list[Problem]) -> Batch:
     collect = observe.T.tocsr()
     squared = collect.copy()
     squared.data **= 2
+    energy = DomainEnergy.of(start.reshape(2, -1), flat)
     return Batch(
         frames,
         np.array([len(problem.domain) for problem in problems]),
@@ -165,7 +169,8 @@ def build_batch(problems: list[Problem]) -> Batch:
         values,
         np.sqrt(weights),
         np.array([problem.degree for problem in problems]),
-        DomainEnergy.of(start.reshape(2, -1), flat),
+        energy,
+        energy.laplacian(),
         observe,
         collect,
         squared,

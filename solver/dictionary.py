@@ -71,11 +71,12 @@ class Dictionary:
         if self.degree >= 1:
             table[..., 1, :] = x
         for k in range(1, self.degree):
+            following = table[..., k + 1, :]
+            np.multiply(x, table[..., k, :], out=following)
             if self.basis == "legendre":
                 # Bonnet's recursion
-                table[..., k + 1, :] = ((2 * k + 1) * x * table[..., k, :] - k * table[..., k - 1, :]) / (k + 1)
-            else:
-                table[..., k + 1, :] = x * table[..., k, :]
+                following *= (2 * k + 1) / (k + 1)
+                following -= (k / (k + 1)) * table[..., k - 1, :]
         return table
 
     def derivative_tables(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -91,15 +92,16 @@ class Dictionary:
         ndarray
             Shape (..., t + 1, N).
         """
-        slope = np.zeros_like(table)
+        slope = np.empty_like(table)
+        slope[..., 0, :] = 0.0
         for k in range(1, self.degree + 1):
             if self.basis == "legendre":
                 # P'_k = P'_{k-2} + (2k - 1) P_{k-1}, chain rule for the stretched support
-                slope[..., k, :] = (2 * k - 1) / LEGENDRE_SUPPORT * table[..., k - 1, :]
+                np.multiply(table[..., k - 1, :], (2 * k - 1) / LEGENDRE_SUPPORT, out=slope[..., k, :])
                 if k >= 2:
                     slope[..., k, :] += slope[..., k - 2, :]
             else:
-                slope[..., k, :] = k * table[..., k - 1, :]
+                np.multiply(table[..., k - 1, :], k, out=slope[..., k, :])
         return slope
 
     def evaluate(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -201,10 +201,10 @@ def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: 
     tables = dictionary.tables(observed[0]), dictionary.tables(observed[1])
     problem = np.arange(batch.problems)[:, None, None]
     i, j = np.moveaxis(dictionary.degrees[support], -1, 0)
-    functions = tables[0][problem, i]
+    functions = (tables[0] * batch.root_weights)[problem, i]
     functions *= tables[1][problem, j]
-    functions *= batch.root_weights[:, :, None]
-    functions *= (support >= 0)[..., None]
+    if (support < 0).any():
+        functions *= (support >= 0)[..., None]
     gram = np.matmul(functions, functions.swapaxes(-1, -2))
     norm = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
     norm = np.where(norm > 0.0, norm, 1.0)
@@ -281,7 +281,7 @@ def _conjugate_gradients(
 ) -> Array:
     """A few preconditioned conjugate-gradient steps on the damped Gauss-Newton system, all problems at once."""
     beta1, beta2 = weights
-    laplacian = batch.energy.laplacian()
+    laplacian = batch.laplacian
     shift = np.repeat(beta1 + damping, batch.start.shape[2])
 
     def apply(x: Array) -> Array:
