@@ -1,0 +1,273 @@
+"""The command line: `python -m sparse_surface ...` and `blender --command sparse_surface ...`.
+
+Exit codes: 0 done, 1 refused input (one line on standard error), 2 wrong usage, 130 cancelled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from .solver.errors import SettingsError, SparseSurfaceError
+from .solver.progress import Progress, run_to_end
+from .solver.settings import PRESETS, Settings
+from .solver.version import VERSION
+
+DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130
+
+PROGRAM = "sparse_surface"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code.
+
+    The scene that Blender has open is replaced: this is for a process of its own.
+    """
+    parser = build_parser()
+    try:
+        options = parser.parse_args(arguments)
+        work: Callable[[argparse.Namespace], None] = options.work
+    except SystemExit as end:  # argparse has said why
+        return int(end.code or DONE)
+    try:
+        work(options)
+    except SettingsError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return WRONG_USAGE
+    except (SparseSurfaceError, OSError, MemoryError) as error:
+        print(f"{PROGRAM}: {_one_line(error)}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: cancelled", file=sys.stderr)
+        return CANCELLED
+    return DONE
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description="Smooth patches that keep the sharp features of a mesh.",
+        epilog="Exit codes: 0 done, 1 refused input, 2 wrong usage, 130 cancelled.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_approximate(commands)
+    return parser
+
+
+def _add_approximate(commands: Any) -> None:
+    parser = commands.add_parser(
+        "approximate",
+        help="approximate the meshes of a file",
+        description="Approximate the meshes of a file that Blender reads; lengths are in the file's unit.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="mesh file: .obj .ply .stl .blend .glb ...")
+    add_output_arguments(parser)
+    parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
+    add_setting_arguments(parser)
+    parser.set_defaults(work=approximate_file)
+
+
+def add_output_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that name what is written."""
+    parser.add_argument(
+        "-o", "--output", type=output_path, metavar="OUTPUT", help="file for the result; without it no mesh is written"
+    )
+    parser.add_argument("--report", type=output_path, metavar="REPORT.json", help="file for the report")
+    parser.add_argument("--heatmap", type=output_path, metavar="PICTURE.png", help="picture of the error")
+
+
+def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add an argument for each setting, made from the solver's own list, and the presets."""
+    group = parser.add_argument_group("settings")
+    group.add_argument("--preset", choices=sorted(PRESETS), help="settings to start from; others change them")
+    for item in dataclasses.fields(Settings):
+        flag = "--" + item.name.replace("_", "-")
+        text = item.metadata["text"].replace("%", "%%")
+        # No default of its own: only what is given changes the preset.
+        common: dict[str, Any] = {"default": argparse.SUPPRESS, "dest": f"setting_{item.name}"}
+        if "choices" in item.metadata:
+            choices = item.metadata["choices"]
+            group.add_argument(flag, choices=list(choices), help=f"{text} (default: {item.default})", **common)
+        elif isinstance(item.default, bool):
+            state = "on" if item.default else "off"
+            group.add_argument(flag, action=argparse.BooleanOptionalAction, help=f"{text} (default: {state})", **common)
+        else:
+            low, high = item.metadata["low"], item.metadata["high"]
+            help_text = f"{text} ({low:g} to {high:g}, default: {item.default:g})"
+            group.add_argument(flag, type=type(item.default), metavar="N", help=help_text, **common)
+
+
+def settings_of(options: argparse.Namespace) -> Settings:
+    """Return the settings: those of the preset, changed by what was given."""
+    given = {
+        name.removeprefix("setting_"): value for name, value in vars(options).items() if name.startswith("setting_")
+    }
+    return Settings(**{**PRESETS[options.preset or "default"], **given})
+
+
+def output_path(text: str) -> Path:
+    """Return the path of a file to write; its folder must be there.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        When there is no such folder.
+    """
+    path = Path(text)
+    if not path.absolute().parent.is_dir():
+        raise argparse.ArgumentTypeError(f"there is no folder '{path.parent}'")
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"'{path}' is a folder")
+    return path
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """A result with what it was made from: objects in Blender, and the report."""
+
+    source: Any
+    result: Any
+    report: dict[str, Any]
+
+
+def approximate_file(options: argparse.Namespace) -> None:
+    """Do the command `approximate`."""
+    settings = settings_of(options)
+    import bpy
+
+    from .operators import files, mesh_data
+    from .operators.colour_ramp import ColourScale
+    from .solver.job import approximate_arrays
+
+    check_writable_kinds(options)
+    made = []
+    for source in _chosen(files.read_meshes(options.input), options.object):
+        read = mesh_data.read_object(source, bpy.context.evaluated_depsgraph_get())
+        with progress_display(source.name) as show:
+            result = run_to_end(approximate_arrays(read.arrays, settings), show)
+        scale = ColourScale(0.0, float(result.error.max(initial=0.0)))
+        made.append(Made(source, mesh_data.create_result(bpy.context, read, result, scale), result.report))
+        print(summary(source.name, result.report), flush=True)
+    write_outputs(options, made)
+
+
+def check_writable_kinds(options: argparse.Namespace) -> None:
+    """Refuse an output that could not be written before hours of work are put into it.
+
+    Raises
+    ------
+    SettingsError
+        When the ending names no kind of file that can be written.
+    """
+    from .operators.files import WRITABLE
+
+    if options.output is not None and options.output.suffix.lower() not in WRITABLE:
+        raise SettingsError(f"The output's ending must be one of {' '.join(WRITABLE)}, not '{options.output.suffix}'.")
+    if options.heatmap is not None and options.heatmap.suffix.lower() != ".png":
+        raise SettingsError(f"The heat map's ending must be .png, not '{options.heatmap.suffix}'.")
+
+
+def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
+    """Write the files that were asked for, each complete or not at all."""
+    from .operators import files
+
+    if options.output is not None:
+        files.write_meshes(options.output, [each.result for each in made])
+    if options.report is not None:
+        report = made[0].report if len(made) == 1 else {each.source.name: each.report for each in made}
+        with files.beside(options.report) as draft:
+            draft.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    if options.heatmap is not None:
+        _render_heat_maps(options, made)
+
+
+def _render_heat_maps(options: argparse.Namespace, made: list[Made]) -> None:
+    """One picture, or one for each object with its name in the file's."""
+    import bpy
+
+    from .operators.heatmap_render import render_heatmap
+
+    up = "Y" if options.input.suffix.lower() == ".obj" else "Z"  # what the format's writers agree on
+    for each in made:
+        picture = options.heatmap
+        if len(made) > 1:
+            picture = picture.with_stem(f"{picture.stem}_{bpy.path.clean_name(each.source.name)}")
+        render_heatmap(each.result, picture, source=each.source, up=up)
+
+
+def _chosen(objects: list[Any], name: str | None) -> list[Any]:
+    from .solver.errors import InputError
+
+    if name is None:
+        return objects
+    found = [candidate for candidate in objects if candidate.name == name]
+    if not found:
+        there = ", ".join(f"'{candidate.name}'" for candidate in objects)
+        raise InputError(f"The file has no mesh '{name}', only {there}.")
+    return found
+
+
+def summary(name: str, report: dict[str, Any]) -> str:
+    """Return one line about a result."""
+    surface, relative = report["surface_error"], report["relative"]
+    return (
+        f"{name}: {report['input']['vertices']} vertices, {report['patches']} patches, surface error "
+        f"rms {surface['rms']:.3g} ({relative['surface_rms']:.2e} of the size), max {surface['max']:.3g} "
+        f"({relative['surface_max']:.2e}), {report['seconds']['total']:.1f} s"
+    )
+
+
+@contextlib.contextmanager
+def progress_display(name: str) -> Iterator[Callable[[Progress], None]]:
+    """Show progress: a bar on a terminal where tqdm is there to draw it, plain lines otherwise."""
+    bar_class = _bar_class() if sys.stderr.isatty() else None
+    if bar_class is None:
+        yield _PlainLines(name)
+        return
+    with bar_class(total=100.0, desc=name, bar_format="{desc}: {percentage:3.0f}%|{bar}| {postfix} {remaining}") as bar:
+
+        def show(step: Progress) -> None:
+            bar.set_postfix_str(" ".join(part for part in (step.stage, step.detail) if part), refresh=False)
+            bar.update(100.0 * step.fraction - bar.n)
+
+        yield show
+
+
+def _bar_class() -> Any | None:
+    try:
+        from tqdm import tqdm
+    except ImportError:  # Blender does not bring it
+        return None
+    return tqdm
+
+
+@dataclasses.dataclass
+class _PlainLines:
+    """Prints a line for each stage and each tenth of the work."""
+
+    name: str
+    _said: tuple[str, int] = ("", -1)
+
+    def __call__(self, step: Progress) -> None:
+        now = (step.stage, int(10.0 * step.fraction))
+        if now != self._said:
+            self._said = now
+            detail = f" ({step.detail})" if step.detail else ""
+            print(f"{self.name}: {step.fraction:4.0%} {step.stage}{detail}", flush=True)
+
+
+def _one_line(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        where = f" '{os.fspath(error.filename)}'" if error.filename else ""
+        return f"{error.strerror}{where}."
+    return " ".join(str(error).split()) or "There is not enough memory for this mesh."

@@ -1,0 +1,66 @@
+"""How many patches a mesh will have and how long they will take, said before the run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bpy.types import Object
+
+from ..solver.settings import Settings
+
+LARGE_MESH = 300_000
+"""Vertices beyond which the user is warned."""
+
+COVER_EFFICIENCY = 0.5
+"""Share of a centre's (k - 1)-ring that no other patch covers; measured on CAD parts and scans alike."""
+
+MEGABYTES_PER_THOUSAND_VERTICES = 4.0
+
+_seconds_per_work = 4.0e-7
+"""Of a common desktop processor; replaced by what the last run took."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What to expect of a run."""
+
+    patches: int
+    seconds: float
+    gigabytes: float
+
+
+def estimate(vertices: int, settings: Settings) -> Estimate:
+    """Estimate a run on a mesh of so many vertices."""
+    return Estimate(
+        patches=_patches(vertices, settings.ring),
+        seconds=_work(vertices, settings) * _seconds_per_work,
+        gigabytes=vertices * MEGABYTES_PER_THOUSAND_VERTICES * 1e-6,
+    )
+
+
+def learn(vertices: int, settings: Settings, seconds: float) -> None:
+    """Take the speed of this machine from a run that is done; tiny ones say nothing."""
+    global _seconds_per_work
+    if seconds > 0.5:
+        _seconds_per_work = seconds / _work(vertices, settings)
+
+
+def vertex_count(chosen: Object) -> int:
+    """Return the number of vertices of a mesh object; cheap enough for every redraw."""
+    return len(chosen.data.vertices)
+
+
+def _patches(vertices: int, ring: int) -> int:
+    inner = 1 + 3 * ring * (ring - 1)  # vertices of a (k - 1)-ring where six edges meet
+    return max(1, round(vertices / (COVER_EFFICIENCY * inner)))
+
+
+def _work(vertices: int, settings: Settings) -> float:
+    """Floating-point work in arbitrary units: observations times functions times steps."""
+    overlap = (1 + 3 * settings.ring * (settings.ring + 1)) / (
+        COVER_EFFICIENCY * (1 + 3 * settings.ring * (settings.ring - 1))
+    )
+    domains = 3 if settings.domains == "separate" else 1
+    steps = (settings.iterations + 4) * (1.0 + 0.2 * settings.sweeps) if settings.method != "traditional" else 2.0
+    functions = settings.sparsity * (1.0 + ((settings.degree + 1) * (settings.degree + 2) / 2) / 120)
+    return vertices * overlap * domains * steps * functions

@@ -1,0 +1,55 @@
+"""What makes an object a result: its name and the properties it carries.  Needs no NumPy: the panel asks here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.types import Object
+
+REPORT = "sparse_surface"
+"""Custom property of a result object: the report."""
+
+SCALE = "error_color_range"
+"""Custom property of an object with a heat map: lower and upper end of its range and its tolerance (0: none)."""
+
+PREVIEW = "sparse_surface_preview"
+"""Custom property of an object that shows a surface while it is being solved."""
+
+ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH = "error", "error_color", "patch", "domain_stretch"
+"""Attributes of a result's mesh."""
+
+NAME_BYTES = 63
+"""Blender cuts the names of data-blocks here."""
+
+
+def result_name(source_name: str) -> str:
+    """Return the name of a result object; where it gets too long the source's part gives way."""
+    ending = " Sparse Surface"
+    return source_name.encode()[: NAME_BYTES - len(ending)].decode(errors="ignore") + ending
+
+
+def read_report(candidate: Object | None) -> dict[str, Any] | None:
+    """Return the report that a result object carries."""
+    stored: Any = candidate.get(REPORT) if candidate is not None else None
+    report: dict[str, Any] | None = stored.to_dict() if hasattr(stored, "to_dict") else None
+    return report
+
+
+def has_heat_map(candidate: Object | None) -> bool:
+    """Whether an object carries errors and their colours."""
+    if candidate is None or candidate.type != "MESH":
+        return False
+    layer = candidate.data.attributes.get(ERROR)
+    return layer is not None and (layer.data_type, layer.domain) == ("FLOAT", "POINT") and SCALE in candidate
+
+
+def remove_previews() -> None:
+    """Remove every preview from the file, wherever undo or a saved file brought it back from."""
+    previews = [candidate for candidate in bpy.data.objects if PREVIEW in candidate and candidate.library is None]
+    meshes = {preview.data for preview in previews if preview.type == "MESH"}
+    for preview in previews:
+        bpy.data.objects.remove(preview)
+    for mesh in meshes:
+        if mesh.users == 0:
+            bpy.data.meshes.remove(mesh)

@@ -1,0 +1,196 @@
+"""The approximation that runs in the background: one at a time, a child process for each object in turn.
+
+`stop` may be called from anywhere, as often as one likes: by Cancel and ESC, before another file is loaded,
+when the add-on is disabled, when Blender quits and when something fails.
+"""
+
+from __future__ import annotations
+
+import atexit
+import sys
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.app.translations import pgettext_rpt as rpt_
+from bpy.types import Timer
+
+from ..solver.settings import Settings
+from .result_object import remove_previews
+from .status import redraw_progress, show_status
+
+if TYPE_CHECKING:
+    from ..solver.job import Job, Outcome
+    from ..solver.progress import Progress
+    from .mesh_data import Source
+
+
+@dataclass
+class Run:
+    """The objects of one press of the button.
+
+    Attributes
+    ----------
+    sources
+        What is approximated, in this order.
+    results
+        What is done, with its source.
+    refusals
+        One sentence for each object that has no result.
+    progress
+        What the solver said last, its fraction that of the whole run.
+    """
+
+    sources: list[Source]
+    settings: Settings
+    previews: bool = False
+    results: list[tuple[Source, Outcome]] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
+    progress: Progress | None = None
+    finishing: bool = False
+    waiting: bool = False
+    timer: Timer | None = None
+    started: float = field(default_factory=time.monotonic)
+    _begun: int = 0
+    _job: Job | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to be solved."""
+        return self._job is None and self._begun == len(self.sources)
+
+    @property
+    def current_source(self) -> Source | None:
+        """The object that is being solved."""
+        return self.sources[self._begun - 1] if self._job is not None else None
+
+    def advance(self) -> Progress | None:
+        """Take in what the child says, start the next one where it is done; return new progress, if any."""
+        if self._job is None and self._begun < len(self.sources):
+            self._start_next()
+        if self._job is None:
+            return None
+        said = self._job.poll()
+        if said is not None:
+            before = (self._begun - 1) / len(self.sources)
+            said = self.progress = replace(said, fraction=before + said.fraction / len(self.sources))
+        if not self._job.running:
+            self._take_result(self._job)
+        return said
+
+    def finish(self) -> None:
+        """Keep the best result so far: end the current object early and begin no other."""
+        self.finishing = True
+        del self.sources[self._begun :]
+        if self._job is not None:
+            self._job.finish()
+
+    def stop(self) -> None:
+        """End the child and forget every result."""
+        job, self._job = self._job, None
+        if job is not None:
+            job.stop()
+
+    def remaining_seconds(self) -> float | None:
+        """Return how long the rest takes at the speed so far, once that can be said."""
+        passed = time.monotonic() - self.started
+        if self.progress is None or self.progress.fraction < 0.02 or passed < 1.0:
+            return None
+        return passed * (1.0 - self.progress.fraction) / self.progress.fraction
+
+    def _start_next(self) -> None:
+        from ..solver.job import Job
+
+        folder = Path(bpy.app.tempdir) / f"sparse_surface_job_{self._begun}_{time.monotonic_ns()}"
+        job = Job(folder, python=(sys.executable, *bpy.app.python_args))
+        source = self.sources[self._begun]
+        self._begun += 1
+        try:
+            job.start(source.arrays, self.settings, previews=self.previews)
+        except OSError as error:
+            self.refusals.append(f"'{source.name}': the solver's process could not be started ({error}).")
+        else:
+            self._job = job
+
+    def _take_result(self, job: Job) -> None:
+        source = self.sources[self._begun - 1]
+        if job.outcome is not None:
+            self.results.append((source, job.outcome))
+        else:
+            self.refusals.append(f"'{source.name}': {job.failure}")
+        self.stop()
+
+
+current: Run | None = None
+"""The run that has the solver to itself, or None."""
+
+notice = ""
+"""Why the last run ended, where its operator could not say so itself."""
+
+
+def start(run: Run) -> None:
+    """Make a run the current one; there must be none."""
+    global current, notice
+    assert current is None
+    current, notice = run, ""
+
+
+def stop(reason: str = "") -> None:
+    """End the current run, if there is one, and take back all that it shows."""
+    global current, notice
+    run, current = current, None
+    if run is None:
+        return
+    run.stop()
+    notice = reason
+    if reason:
+        print(reason)
+    remove_previews()
+    manager = bpy.context.window_manager
+    if run.timer is not None:
+        manager.event_timer_remove(run.timer)
+    show_status(bpy.context, None)
+    redraw_progress(bpy.context)
+
+
+@bpy.app.handlers.persistent
+def _stop_before_load(*_: object) -> None:
+    stop(rpt_("The approximation was cancelled because another file was loaded"))
+
+
+@bpy.app.handlers.persistent
+def _remove_stray_previews(*_: object) -> None:
+    """Undo and a file that was saved in mid-run can bring a preview back after its run has ended."""
+    if current is None:
+        remove_previews()
+
+
+def _kill_at_exit() -> None:
+    if current is not None:
+        current.stop()
+
+
+_HANDLERS = (
+    (bpy.app.handlers.load_pre, _stop_before_load),
+    (bpy.app.handlers.load_post, _remove_stray_previews),
+    (bpy.app.handlers.undo_post, _remove_stray_previews),
+    (bpy.app.handlers.redo_post, _remove_stray_previews),
+)
+
+
+def register() -> None:
+    """Have every end of the session, or of this file in it, end the run too."""
+    for handlers, function in _HANDLERS:
+        handlers.append(function)
+    atexit.register(_kill_at_exit)
+
+
+def unregister() -> None:
+    """End the run; nothing calls into this module any more."""
+    stop()
+    remove_previews()
+    atexit.unregister(_kill_at_exit)
+    for handlers, function in _HANDLERS:
+        handlers.remove(function)

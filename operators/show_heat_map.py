@@ -1,0 +1,99 @@
+"""The operator that shows error colours in a viewport and restores what it showed before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+from bpy.types import Context, Operator, SpaceView3D
+
+from .result_object import ERROR_COLOUR, has_heat_map
+
+
+@dataclass
+class Shading:
+    """What a viewport showed before its heat map."""
+
+    kind: str = "SOLID"
+    colour: str = "MATERIAL"
+    isolated: bool = False
+
+
+_before: dict[int, Shading] = {}
+"""By the address of the viewport's space; forgotten when another file is loaded."""
+
+
+def shows_heat_map(space: SpaceView3D | None) -> bool:
+    """Whether a viewport shows error colours because of this operator."""
+    return space is not None and space.as_pointer() in _before and space.shading.color_type == "VERTEX"
+
+
+def anywhere_shown() -> bool:
+    """Whether any viewport may show a heat map."""
+    return bool(_before)
+
+
+class SPARSE_SURFACE_OT_show_heat_map(Operator):
+    """Show the error of each vertex as its colour in this viewport; press again to return to the previous shading"""
+
+    bl_idname = "sparse_surface.show_heat_map"
+    bl_label = "Show Heat Map"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        if not isinstance(context.space_data, SpaceView3D):
+            cls.poll_message_set("Only in a 3D viewport")
+            return False
+        if shows_heat_map(context.space_data) or has_heat_map(context.active_object):
+            return True
+        cls.poll_message_set("The active object has no heat map; approximate a mesh or compare two meshes first")
+        return False
+
+    def execute(self, context: Context) -> set[str]:
+        space = context.space_data
+        if shows_heat_map(space):
+            _restore(space)
+        else:
+            _show(space, context)
+        context.area.tag_redraw()
+        return {"FINISHED"}
+
+
+def _show(space: SpaceView3D, context: Context) -> None:
+    shading = space.shading
+    before = Shading(shading.type, shading.color_type if shading.type == "SOLID" else "MATERIAL")
+    shading.type = "SOLID"
+    shading.color_type = "VERTEX"
+    for candidate in context.view_layer.objects:
+        if has_heat_map(candidate):
+            colours = candidate.data.color_attributes
+            colours.active_color_index = colours.find(ERROR_COLOUR)
+    if context.scene.sparse_surface.display.isolate and space.local_view is None:
+        before.isolated = _isolate(space, context)
+    _before[space.as_pointer()] = before
+
+
+def _isolate(space: SpaceView3D, context: Context) -> bool:
+    """Show only objects with a heat map, in the viewport's local view."""
+    if bpy.ops.view3d.localview(frame_selected=False) != {"FINISHED"}:
+        return False
+    for candidate in context.view_layer.objects:
+        candidate.local_view_set(space, has_heat_map(candidate))
+    return True
+
+
+def _restore(space: SpaceView3D) -> None:
+    before = _before.pop(space.as_pointer())
+    space.shading.color_type = before.colour
+    space.shading.type = before.kind
+    if before.isolated and space.local_view is not None:
+        bpy.ops.view3d.localview(frame_selected=False)
+
+
+def forget() -> None:
+    """Forget what viewports showed before: they are gone."""
+    _before.clear()
+
+
+CLASSES = (SPARSE_SURFACE_OT_show_heat_map,)

@@ -1,0 +1,52 @@
+"""Everything that the add-on registers in Blender, in one order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import PointerProperty
+
+from .operators import approximate, cancel, compare, copy_statistics, finish, running, show_heat_map
+from .ui import command, legend, panels, preferences, presets, properties, translations
+
+CLASSES: tuple[type, ...] = (
+    *properties.CLASSES,
+    *preferences.CLASSES,
+    *approximate.CLASSES,
+    *cancel.CLASSES,
+    *finish.CLASSES,
+    *show_heat_map.CLASSES,
+    *compare.CLASSES,
+    *copy_statistics.CLASSES,
+    *presets.CLASSES,
+    *panels.CLASSES,
+)
+
+PRESETS = str(Path(__file__).parent)
+
+
+def register() -> None:
+    """Register every class, property, handler, preset, translation and command."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.sparse_surface = PointerProperty(type=properties.SparseSurfaceSettings, name="Sparse Surface")
+    bpy.utils.register_preset_path(PRESETS)
+    bpy.app.translations.register(__package__, translations.DICTIONARY)
+    running.register()
+    legend.register()
+    preferences.register()
+    command.register()
+
+
+def unregister() -> None:
+    """Undo `register`, in reverse; a run that is under way is ended."""
+    command.unregister()
+    preferences.unregister()
+    legend.unregister()
+    running.unregister()
+    bpy.app.translations.unregister(__package__)
+    bpy.utils.unregister_preset_path(PRESETS)
+    del bpy.types.Scene.sparse_surface
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

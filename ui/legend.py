@@ -1,0 +1,200 @@
+"""The legend of the heat map: what it consists of (a pure function), and how it is drawn over a viewport."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+from bpy.app.translations import pgettext_iface as iface_
+from bpy.types import Context, SpaceView3D
+
+from ..operators.result_object import SCALE, has_heat_map
+from ..operators.show_heat_map import anywhere_shown, forget, shows_heat_map
+
+BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
+TICKS = 5
+
+
+@dataclass(frozen=True)
+class Text:
+    """A word at a place in pixels, its lower left corner."""
+
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Band:
+    """A piece of the bar: lower left and upper right corner in pixels, and its place on the ramp or a fixed colour."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Legend:
+    """What is drawn: bands of colour from bottom to top, tick marks and words."""
+
+    bands: tuple[Band, ...]
+    ticks: tuple[float, ...]
+    texts: tuple[Text, ...]
+
+
+def build_legend(low: float, high: float, tolerance: float, unit: str, height: float, scale: float = 1.0) -> Legend:
+    """Lay the legend out.
+
+    Parameters
+    ----------
+    low, high, tolerance
+        Values at the ends of the ramp; with a positive tolerance there are two bands, inside and outside.
+    unit
+        Short name of the unit of length, may be empty.
+    height
+        Of the viewport, in pixels; a low viewport gets a short bar.
+    scale
+        Pixels per point of Blender's interface.
+    """
+    margin, width, gap = MARGIN * scale, BAR_WIDTH * scale, GAP * scale
+    line = TEXT_SIZE * 1.6 * scale
+    length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line), 2 * line)
+    title = Text(margin, margin + length + line * 0.7, iface_("Error") + (f" [{unit}]" if unit else ""))
+    if tolerance > 0.0:
+        return _two_bands(margin, width, gap, length, tolerance, title)
+    count = 64
+    bands = tuple(
+        Band(margin, margin + length * k / count, margin + width, margin + length * (k + 1) / count, (k + 0.5) / count)
+        for k in range(count)
+    )
+    values = tick_values(low, high)
+    ticks = tuple(margin + length * (value - low) / ((high - low) or 1.0) for value in values)
+    digits = tick_digits(values)
+    words = tuple(
+        Text(margin + width + gap, y - TEXT_SIZE * 0.35 * scale, f"{value:.{digits}g}")
+        for value, y in zip(values, ticks, strict=True)
+    )
+    return Legend(bands, ticks, (title, *words))
+
+
+def _two_bands(margin: float, width: float, gap: float, length: float, tolerance: float, title: Text) -> Legend:
+    middle = margin + length / 2
+    bands = (
+        Band(margin, margin, margin + width, middle, 0.0),
+        Band(margin, middle, margin + width, margin + length, 1.0),
+    )
+    x = margin + width + gap
+    words = (
+        Text(x, margin + length * 0.25, iface_("inside")),
+        Text(x, middle, f"{tolerance:.4g}"),
+        Text(x, margin + length * 0.75, iface_("outside")),
+    )
+    return Legend(bands, (middle,), (title, *words))
+
+
+def tick_values(low: float, high: float) -> list[float]:
+    """Return both ends of the range and even steps between them."""
+    if high <= low:
+        return [low]
+    return [low + (high - low) * k / (TICKS - 1) for k in range(TICKS)]
+
+
+def tick_digits(values: list[float]) -> int:
+    """Return how many significant digits tell the values apart."""
+    return next((d for d in range(2, 7) if len({f"{v:.{d}g}" for v in values}) == len(values)), 6)
+
+
+def unit_of(context: Context) -> tuple[str, float]:
+    """Return the short name of the scene's unit of length, and how many of it one Blender unit is."""
+    units = context.scene.unit_settings
+    named = {
+        "KILOMETERS": ("km", 1e-3), "METERS": ("m", 1.0), "CENTIMETERS": ("cm", 1e2), "MILLIMETERS": ("mm", 1e3),
+        "MICROMETERS": ("µm", 1e6), "MILES": ("mi", 1 / 1609.344), "FEET": ("ft", 1 / 0.3048),
+        "INCHES": ("in", 1 / 0.0254), "THOU": ("thou", 1000 / 0.0254),
+    }  # fmt: skip
+    if units.system == "NONE":
+        return "", 1.0
+    fallback = "METERS" if units.system == "METRIC" else "FEET"
+    name, factor = named.get(units.length_unit, named[fallback])
+    return name, factor * units.scale_length
+
+
+_handle: object | None = None
+
+
+def draw() -> None:
+    """Draw the active object's legend, where this viewport shows a heat map."""
+    context = bpy.context
+    if not anywhere_shown() or not shows_heat_map(context.space_data) or not has_heat_map(context.active_object):
+        return
+    low, high, tolerance = context.active_object[SCALE]
+    unit, factor = unit_of(context)
+    interface = context.preferences.system.ui_scale
+    legend = build_legend(low * factor, high * factor, tolerance * factor, unit, context.region.height, interface)
+    _draw_bands(legend, tolerance > 0.0)
+    _draw_words(legend, interface, context)
+
+
+def _draw_bands(legend: Legend, two_colours: bool) -> None:
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    from ..operators.colour_ramp import INSIDE, OUTSIDE, STEPS, linear_to_srgb, ramp
+
+    positions: list[tuple[float, float]] = []
+    colours: list[tuple[float, ...]] = []
+    indices: list[tuple[int, int, int]] = []
+    srgb = linear_to_srgb(ramp())
+    for band in legend.bands:
+        colour = (OUTSIDE if band.share > 0.5 else INSIDE) if two_colours else srgb[int(band.share * (STEPS - 1))]
+        first = len(positions)
+        positions += [
+            (band.left, band.bottom), (band.right, band.bottom), (band.right, band.top), (band.left, band.top)
+        ]  # fmt: skip
+        colours += [(*(float(c) for c in colour), 1.0)] * 4
+        indices += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch_for_shader(shader, "TRIS", {"pos": positions, "color": colours}, indices=indices).draw(shader)
+    edge = legend.bands[0].right
+    marks = [(edge + dx, y) for y in legend.ticks for dx in (-4, 4)]
+    lines = gpu.shader.from_builtin("UNIFORM_COLOR")
+    lines.uniform_float("color", (1.0, 1.0, 1.0, 0.9))
+    batch_for_shader(lines, "LINES", {"pos": marks}).draw(lines)
+
+
+def _draw_words(legend: Legend, interface: float, context: Context) -> None:
+    import blf
+
+    blf.size(0, TEXT_SIZE * interface)
+    blf.color(0, *context.preferences.themes[0].view_3d.space.text_hi, 1.0)
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
+    for word in legend.texts:
+        blf.position(0, word.x, word.y, 0)
+        blf.draw(0, word.text)
+    blf.disable(0, blf.SHADOW)
+
+
+@bpy.app.handlers.persistent
+def _forget_viewports(*_: object) -> None:
+    forget()
+
+
+def register() -> None:
+    """Draw over every 3D viewport that shows a heat map."""
+    global _handle
+    if not bpy.app.background:
+        _handle = SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
+    bpy.app.handlers.load_pre.append(_forget_viewports)
+
+
+def unregister() -> None:
+    """Draw no more."""
+    global _handle
+    if _handle is not None:
+        SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
+    bpy.app.handlers.load_pre.remove(_forget_viewports)
+    forget()

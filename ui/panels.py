@@ -1,0 +1,230 @@
+"""The sidebar: 3D View > Sidebar > Sparse Surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.app.translations import pgettext_iface as iface_
+from bpy.types import Context, Panel, UILayout
+
+from ..operators import running
+from ..operators.approximate import reason_against, selected_meshes
+from ..operators.copy_statistics import rows_of
+from ..operators.estimate import LARGE_MESH, estimate, vertex_count
+from ..operators.requirements import missing_packages
+from ..operators.result_object import read_report
+from ..operators.show_heat_map import shows_heat_map
+from ..operators.status import duration_text, remaining_text
+from .presets import SPARSE_SURFACE_PT_presets
+
+MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
+DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "fine_creases", "pin_boundary")
+DICTIONARY = ("basis", "pursuit", "automatic_sparsity")
+PAPER = ("rho", "tau", "initial_fit", "data_scaling")
+SWEEPS = ("sweeps", "blending")
+OUTPUT = ("workers",)
+
+
+class SidebarPanel:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Sparse Surface"
+
+    def column(self, context: Context) -> UILayout:
+        """Return a column in Blender's two-column style."""
+        layout = self.layout  # type: ignore[attr-defined]
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.enabled = running.current is None
+        return layout.column()
+
+
+class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
+    bl_label = "Sparse Surface"
+
+    def draw_header_preset(self, context: Context) -> None:
+        SPARSE_SURFACE_PT_presets.draw_panel_header(self.layout)
+
+    def draw(self, context: Context) -> None:
+        if running.current is not None:
+            draw_progress(self.layout, running.current)
+            return
+        if missing_packages():
+            draw_lines(self.layout, reason_against(context), "ERROR")
+        elif running.notice:
+            draw_lines(self.layout, running.notice, "INFO")
+        column = self.column(context)
+        for name in MAIN:
+            column.prop(context.scene.sparse_surface, name)
+        draw_estimate(self.layout.column(align=True), context)
+        button = self.layout.row()
+        button.scale_y = 1.5
+        chosen = selected_meshes(context)
+        text = iface_("Approximate") if len(chosen) < 2 else iface_("Approximate {} Meshes").format(len(chosen))
+        button.operator("sparse_surface.approximate", text=text, icon="MOD_SMOOTH", translate=False)
+
+
+class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
+    bl_label = "Domain and Regularisation"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        settings = context.scene.sparse_surface
+        column = self.column(context)
+        for name in DOMAIN:
+            column.prop(settings, name)
+        column.separator()
+        for name in DICTIONARY:
+            column.prop(settings, name)
+        column.separator()
+        paper = column.column()
+        paper.active = settings.method == "paper"
+        for name in PAPER:
+            paper.prop(settings, name)
+
+
+class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):
+    bl_label = "Sweeps and Blending"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        column = self.column(context)
+        for name in SWEEPS:
+            column.prop(context.scene.sparse_surface, name)
+
+
+class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
+    bl_label = "Input and Output"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        settings = context.scene.sparse_surface
+        column = self.column(context)
+        column.prop(settings, "use_modifiers")
+        active = context.active_object
+        if active is not None and active.type == "MESH":
+            column.prop_search(settings, "vertex_group", active, "vertex_groups")
+        else:
+            column.prop(settings, "vertex_group")
+        column.separator()
+        column.prop(settings, "replace_result")
+        column.prop(settings, "hide_original")
+        column.prop(settings, "show_preview")
+        for name in OUTPUT:
+            column.prop(settings, name)
+
+
+class SPARSE_SURFACE_PT_display(SidebarPanel, Panel):
+    bl_label = "Display"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        display = context.scene.sparse_surface.display
+        column = self.column(context)
+        shown = shows_heat_map(context.space_data)
+        column.operator(
+            "sparse_surface.show_heat_map",
+            text="Hide Heat Map" if shown else "Show Heat Map",
+            icon="HIDE_OFF" if shown else "COLOR",
+            depress=shown,
+        )
+        column.prop(display, "isolate")
+        column.separator()
+        column.prop(display, "inside_outside")
+        if display.inside_outside:
+            settings = context.scene.sparse_surface
+            column.prop(settings if settings.tolerance else display, "tolerance")
+        else:
+            column.prop(display, "range_mode")
+            if display.range_mode == "FIXED":
+                column.prop(display, "range_maximum")
+            elif display.range_mode == "PERCENTILE":
+                column.prop(display, "range_percentile")
+        column.separator()
+        column.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
+
+
+class SPARSE_SURFACE_PT_statistics(SidebarPanel, Panel):
+    bl_label = "Statistics"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        report = read_report(context.active_object)
+        if report is None:
+            self.layout.label(text="Select a result to see its figures")
+            return
+        draw_statistics(self.layout, report)
+        row = self.layout.row(align=True)
+        row.operator("sparse_surface.copy_statistics", text="Copy as Text", icon="COPYDOWN").form = "TEXT"
+        row.operator("sparse_surface.copy_statistics", text="Copy as JSON").form = "JSON"
+
+
+def draw_progress(layout: UILayout, run: running.Run) -> None:
+    """Show how far a run is, and the ways to end it."""
+    column = layout.column()
+    if run.waiting:
+        draw_lines(column, iface_("The surface is ready: return to Object Mode to receive it"), "INFO")
+    elif run.progress is None:
+        column.label(text="Starting the solver")
+    else:
+        if run.current_source is not None:
+            column.label(text=run.current_source.name, icon="OUTLINER_OB_MESH", translate=False)
+        column.progress(factor=run.progress.fraction, text=f"{run.progress.fraction:.0%}")
+        column.label(text=run.progress.stage)
+        if run.progress.detail:
+            column.label(text=run.progress.detail, translate=False)
+        column.label(text=remaining_text(run), translate=False)
+    row = layout.row(align=True)
+    row.operator("sparse_surface.finish", icon="CHECKMARK")
+    row.operator("sparse_surface.cancel", icon="CANCEL")
+
+
+def draw_estimate(layout: UILayout, context: Context) -> None:
+    """Say how many patches there will be and how long they will take, and warn of large meshes."""
+    count = sum(vertex_count(chosen) for chosen in selected_meshes(context))
+    if not count or reason_against(context):
+        return
+    expected = estimate(count, context.scene.sparse_surface.to_settings())
+    text = iface_("About {} patches, {}").format(expected.patches, duration_text(expected.seconds))
+    layout.label(text=text, icon="TIME", translate=False)
+    if count > LARGE_MESH:
+        warning = iface_("Large mesh: about {:.1f} GB of memory").format(expected.gigabytes)
+        layout.label(text=warning, icon="ERROR", translate=False)
+
+
+def draw_statistics(layout: UILayout, report: dict[str, Any]) -> None:
+    """Show a report's figures as a table, and whether the tolerance is kept."""
+    column = layout.column(align=True)
+    tolerance = report["settings"]["tolerance"]
+    if tolerance:
+        kept = report["surface_error"]["max"] <= tolerance
+        text = iface_("Within the tolerance") if kept else iface_("Exceeds the tolerance")
+        column.label(text=f"{text} ({tolerance:.4g})", icon="CHECKMARK" if kept else "ERROR", translate=False)
+    for label, value in rows_of(report):
+        split = column.split(factor=0.6)
+        split.label(text=label)
+        split.label(text=f"{value:.4g}" if isinstance(value, float) else str(value), translate=False)
+
+
+def draw_lines(layout: UILayout, text: str, icon: str) -> None:
+    """Show a sentence in lines that fit a narrow sidebar."""
+    import textwrap
+
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, 34)):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1", translate=False)
+
+
+CLASSES = (
+    SPARSE_SURFACE_PT_main,
+    SPARSE_SURFACE_PT_domain,
+    SPARSE_SURFACE_PT_sweeps,
+    SPARSE_SURFACE_PT_output,
+    SPARSE_SURFACE_PT_display,
+    SPARSE_SURFACE_PT_statistics,
+)

@@ -1,0 +1,76 @@
+"""The add-on's preferences."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+from bpy.types import AddonPreferences, Context, Scene
+
+from ..operators.preferences import ADD_ON, preferences
+from ..operators.requirements import missing_packages, package_versions
+from ..solver.settings import PRESETS
+
+
+class SparseSurfacePreferences(AddonPreferences):
+    bl_idname = ADD_ON
+
+    workers: IntProperty(
+        name="Workers",
+        description="Processes that solve patches, where a scene names no number. 0: one for each physical core",
+        default=0,
+        min=0,
+        max=256,
+        soft_max=32,
+    )
+    default_preset: EnumProperty(
+        name="Default Preset",
+        description="Settings of a scene in which none was ever changed",
+        items=[(name, name.title(), "") for name in PRESETS],
+        default="default",
+        update=lambda self, context: apply_default_preset(),
+    )
+
+    def draw(self, context: Context) -> None:
+        column = self.layout.column()
+        column.use_property_split = True
+        column.prop(self, "workers")
+        column.prop(self, "default_preset")
+        column.separator()
+        for name, version in package_versions().items():
+            split = column.split(factor=0.4)
+            split.alignment = "RIGHT"
+            split.label(text=name)
+            split.label(text=version, translate=False)
+        if missing_packages():
+            column.label(text="Install the add-on's zip for your platform: it brings what is missing", icon="ERROR")
+
+
+@bpy.app.handlers.persistent
+def apply_default_preset(*_: object) -> None:
+    """Give the preferred preset to every scene in which no setting was ever changed."""
+    own = preferences(bpy.context)
+    if own is None or own.default_preset == "default":
+        return
+    for scene in bpy.data.scenes:
+        if is_untouched(scene):
+            scene.sparse_surface.apply_preset(own.default_preset)
+
+
+def is_untouched(scene: Scene) -> bool:
+    """Whether every setting of a scene is still what Blender made it."""
+    settings = scene.sparse_surface
+    names = [each.identifier for each in settings.bl_rna.properties if each.identifier != "rna_type"]
+    return not any(settings.is_property_set(name) for name in names)
+
+
+def register() -> None:
+    """Look at the scenes of every file that is loaded."""
+    bpy.app.handlers.load_post.append(apply_default_preset)
+
+
+def unregister() -> None:
+    """Leave files alone."""
+    bpy.app.handlers.load_post.remove(apply_default_preset)
+
+
+CLASSES = (SparseSurfacePreferences,)

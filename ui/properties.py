@@ -1,0 +1,181 @@
+"""The settings of a scene: those of the solver, made from its own list, and those of Blender's side."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.types import Context, PropertyGroup
+
+from ..operators.heat_map import recolour_scene
+from ..solver.settings import PRESETS, Settings
+
+CONTEXT = "Sparse Surface"
+"""Translation context: several of these words mean something else in other parts of Blender."""
+
+NAMES = {
+    "beta1": "Stay at Start",
+    "beta2": "Keep Rigid",
+    "rho": "Penalty",
+    "tau": "Multiplier Step",
+    "adaptive": "Adaptive Rings",
+}
+"""Names of settings that are not just their identifier in title case."""
+
+CHOICE_NAMES = {
+    "auto": "Automatic",
+    "lscm": "LSCM",
+    "ols": "OLS",
+    "omp": "OMP",
+    "common": "Common Domain",
+    "separate": "Domain per Coordinate",
+    "partition": "Partition of Unity",
+    "data": "Data",
+    "patch": "Per Patch",
+    "printed": "As Printed",
+}
+
+FLOAT_MAXIMUM = 1e12
+"""Beyond this Blender's single precision serves no purpose."""
+
+
+def setting_name(name: str) -> str:
+    """Return the name of a setting as the panel shows it."""
+    return NAMES.get(name, name.replace("_", " ").title())
+
+
+def solver_property(item: dataclasses.Field) -> Any:
+    """Make the Blender property of one field of `Settings`, with its default, range and text."""
+    common = {"name": setting_name(item.name), "description": item.metadata["text"], "default": item.default}
+    if "choices" in item.metadata:
+        items = [(key, CHOICE_NAMES.get(key, key.title()), text) for key, text in item.metadata["choices"].items()]
+        return EnumProperty(items=items, **common)
+    if isinstance(item.default, bool):
+        return BoolProperty(**common)
+    low, high = item.metadata["low"], item.metadata["high"]
+    soft_low, soft_high = item.metadata["soft"]
+    ranges = {"min": low, "max": high, "soft_min": soft_low, "soft_max": soft_high}
+    if isinstance(item.default, int):
+        return IntProperty(**ranges, **common)
+    if item.name == "tolerance":
+        return FloatProperty(**ranges, **common, subtype="DISTANCE", unit="LENGTH", precision=5)
+    return FloatProperty(**ranges, **common, precision=3)
+
+
+def plain_value(value: Any) -> Any:
+    """Return a property's value as the solver's settings hold it: 0.2, not its nearest single-precision number."""
+    return float(f"{value:.7g}") if isinstance(value, float) else value
+
+
+def _recolour(display: PropertyGroup, context: Context) -> None:
+    recolour_scene(context.scene)
+
+
+class SparseSurfaceDisplay(PropertyGroup):
+    """How errors are coloured."""
+
+    range_mode: EnumProperty(
+        name="Range",
+        description="Which error gets the brightest colour",
+        items=[
+            ("AUTOMATIC", "Automatic", "The largest error of each object"),
+            ("FIXED", "Fixed", "A value of your choice, the same for all objects, so that they can be compared"),
+            ("PERCENTILE", "Percentile", "A percentile of each object's errors: few outliers do not hide the rest"),
+        ],
+        default="AUTOMATIC",
+        update=_recolour,
+    )
+    range_maximum: FloatProperty(
+        name="Maximum",
+        description="Error with the brightest colour; larger ones look the same",
+        default=0.01,
+        min=1e-12,
+        soft_max=10.0,
+        subtype="DISTANCE",
+        unit="LENGTH",
+        precision=5,
+        update=_recolour,
+    )
+    range_percentile: FloatProperty(
+        name="Percentile",
+        description="Share of the vertices whose error lies inside of the range",
+        default=95.0,
+        min=1.0,
+        max=100.0,
+        subtype="PERCENTAGE",
+        update=_recolour,
+    )
+    inside_outside: BoolProperty(
+        name="Inside / Outside",
+        description="Two colours only: within the tolerance and outside of it",
+        default=False,
+        update=_recolour,
+    )
+    tolerance: FloatProperty(
+        name="Tolerance",
+        description="Largest error that counts as inside, where the settings name no tolerance of their own",
+        default=0.001,
+        min=1e-12,
+        soft_max=10.0,
+        subtype="DISTANCE",
+        unit="LENGTH",
+        precision=5,
+        update=_recolour,
+    )
+    isolate: BoolProperty(
+        name="Hide the Rest",
+        description="Show only objects with a heat map in this viewport (local view): originals do not shine through",
+        default=True,
+    )
+
+
+class SparseSurfaceSettings(PropertyGroup):
+    """The settings of a scene (`scene.sparse_surface`); the solver's are added below."""
+
+    use_modifiers: BoolProperty(
+        name="With Modifiers",
+        description="Approximate the mesh as modifiers and shape keys leave it; otherwise the base mesh",
+        default=True,
+    )
+    vertex_group: StringProperty(
+        name="Weights",
+        description="Vertex group whose weights say how much each vertex counts; vertices of weight 0 stay as they are",
+        default="",
+    )
+    replace_result: BoolProperty(
+        name="Replace Earlier Result",
+        description="Put the new surface into the object that holds this source's earlier result, if there is one",
+        default=True,
+    )
+    hide_original: BoolProperty(
+        name="Hide Original",
+        description="Hide the source object in the viewport when its result is there",
+        default=False,
+    )
+    show_preview: BoolProperty(
+        name="Live Preview",
+        description="Show the surface while it is being solved. Costs a little time on large meshes",
+        default=True,
+    )
+    display: PointerProperty(type=SparseSurfaceDisplay)
+
+    def to_settings(self) -> Settings:
+        """Return the solver's settings."""
+        return Settings(**{name: plain_value(getattr(self, name)) for name in SOLVER_NAMES})
+
+    def take_settings(self, settings: Settings) -> None:
+        """Set every property of the solver's to that of `settings`."""
+        for name, value in settings.as_dict().items():
+            setattr(self, name, value)
+
+    def apply_preset(self, name: str) -> None:
+        """Set the solver's properties to one of its presets."""
+        self.take_settings(Settings(**PRESETS[name]))
+
+
+SOLVER_NAMES = tuple(item.name for item in dataclasses.fields(Settings))
+for _item in dataclasses.fields(Settings):
+    SparseSurfaceSettings.__annotations__[_item.name] = solver_property(_item)
+
+CLASSES = (SparseSurfaceDisplay, SparseSurfaceSettings)
