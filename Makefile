@@ -6,6 +6,7 @@ SHELL := /bin/bash
 
 VENV := .venv
 PY := $(VENV)/bin/python
+LINT := .venv-lint
 # One BLAS thread a process: the solver's small stacked products only lose by more.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
@@ -15,7 +16,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv demo test test-solver test-tools test-blender test-long test-matrix test-window lint format build bench \
+.PHONY: help venv demo test test-solver test-tools test-blender test-long test-matrix test-window lint-venv lint format build bench \
 	figures clean
 
 help: ## list the targets
@@ -48,14 +49,18 @@ test-matrix: venv ## the Blender tests on every supported bpy, the solver tests 
 test-window: venv ## the tests in a real Blender window (BLENDER=executable, or ../shared/tools/real-blender)
 	@$(PY) scripts/test_window.py $(WINDOW)
 
-lint: venv ## ruff (lint and format) and mypy
-	@$(PY) -m ruff check .
-	@$(PY) -m ruff format --check .
-	@$(PY) scripts/type_check.py
+# The checks have an environment of their own: what mypy says depends on the version of NumPy, not on the one of Blender.
+lint-venv:
+	@"$$(scripts/find_python.sh 3.11 3.13)" scripts/environment.py $(LINT) lint
 
-format: venv ## format the code
-	@$(PY) -m ruff check --fix .
-	@$(PY) -m ruff format .
+lint: lint-venv ## ruff (lint and format) and mypy
+	@$(LINT)/bin/python -m ruff check .
+	@$(LINT)/bin/python -m ruff format --check .
+	@$(LINT)/bin/python scripts/type_check.py
+
+format: lint-venv ## format the code
+	@$(LINT)/bin/python -m ruff check --fix .
+	@$(LINT)/bin/python -m ruff format .
 
 build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..." for some of them)
 	@$(PY) scripts/build_extension.py $(PLATFORMS)

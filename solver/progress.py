@@ -58,7 +58,7 @@ def run_to_end(steps: Steps[Result], report: Callable[[Progress], str | None] | 
             try:
                 step = steps.send(request)
             except StopIteration as end:
-                return end.value  # type: ignore[no-any-return]
+                return end.value
             request = report(step) if report is not None else None
     finally:
         steps.close()
@@ -72,7 +72,7 @@ def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
             try:
                 step = steps.send(request)
             except StopIteration as stop:
-                return stop.value  # type: ignore[no-any-return]
+                return stop.value
             request = yield Progress(step.stage, start + (end - start) * step.fraction, step.detail, step.vertices)
     finally:
         steps.close()
