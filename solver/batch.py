@@ -24,7 +24,10 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Problem:
-    """One domain with its D signals, in scene units.
+    """One domain with N observations of its D signals, in scene units.
+
+    Each observation lies somewhere in the domain's triangles: its parameters are a convex combination of those of three
+    vertices, whatever the domain becomes.
 
     Attributes
     ----------
@@ -32,12 +35,14 @@ class Problem:
         Initial domain U0, (m, 2).
     triangles
         (t, 3), numbers of the patch's vertices.
+    signals
+        The signals at the domain's vertices, (m, D); the problem's frame is taken from them.
+    corners, shares
+        The vertices that each observation lies between, and its barycentric coordinates, (N, 3) both.
     values
-        Signals at the vertices, (m, D).
-    centroid_values
-        Signals at the triangles' centroids, (t, D).
-    vertex_weights, centroid_weights
-        Weights of the observations at vertices (m,) and triangle centroids (t,).
+        Observed signals, (N, D).
+    weights
+        Weights of the observations, (N,).
     degree
         Highest total degree that this problem may use.
     warm
@@ -46,10 +51,11 @@ class Problem:
 
     domain: Array
     triangles: Indices
+    signals: Array
+    corners: Indices
+    shares: Array
     values: Array
-    centroid_values: Array
-    vertex_weights: Array
-    centroid_weights: Array
+    weights: Array
     degree: int
     warm: WarmStart | None = None
 
@@ -80,7 +86,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Batch:
-    """B padded problems with m vertices, t triangles, N = m + t observations and D signals each.
+    """B padded problems with m vertices, t triangles, N observations and D signals each.
 
     Attributes
     ----------
@@ -143,21 +149,19 @@ def build_batch(problems: list[Problem]) -> Batch:
     frames = [problem.warm.frame if problem.warm else frame_of(problem) for problem in problems]
     count, most = len(problems), max(len(problem.domain) for problem in problems)
     faces = max(len(problem.triangles) for problem in problems)
+    observations = max(len(problem.values) for problem in problems)
     signals = problems[0].values.shape[1]
     start = np.zeros((2, count, most))
-    values = np.zeros((count, signals, most + faces))
-    weights = np.zeros((count, 1, most + faces))
+    values = np.zeros((count, signals, observations))
+    weights = np.zeros((count, 1, observations))
     triangles = np.zeros((count, faces, 3), dtype=np.int64)
     for k, (problem, frame) in enumerate(zip(problems, frames, strict=True)):
-        m, t = len(problem.domain), len(problem.triangles)
-        start[:, k, :m] = frame.put_in(problem.domain).T
-        triangles[k, :t] = problem.triangles
-        values[k, :, :m] = ((problem.values - frame.origin) * frame.scale).T
-        values[k, :, most : most + t] = ((problem.centroid_values - frame.origin) * frame.scale).T
-        weights[k, 0, :m] = problem.vertex_weights
-        weights[k, 0, most : most + t] = problem.centroid_weights
+        start[:, k, : len(problem.domain)] = frame.put_in(problem.domain).T
+        triangles[k, : len(problem.triangles)] = problem.triangles
+        values[k, :, : len(problem.values)] = ((problem.values - frame.origin) * frame.scale).T
+        weights[k, 0, : len(problem.weights)] = problem.weights
     flat = (triangles + most * np.arange(count)[:, None, None]).reshape(-1, 3)
-    observe = _observation_matrix(flat, count, most, faces)
+    observe = _observation_matrix(problems, most, observations)
     collect = observe.T.tocsr()
     squared = collect.copy()
     squared.data **= 2
@@ -190,12 +194,12 @@ def warm_starts(problems: list[Problem], start: Array) -> tuple[Array, Indices]:
 
 def frame_of(problem: Problem) -> Frame:
     """Frame that puts a problem's initial domain into [-1, 1]^2, its axes along the signals' principal directions."""
-    turn = principal_axes(problem.domain, problem.values)
+    turn = principal_axes(problem.domain, problem.signals)
     turned = problem.domain @ turn
     low, high = turned.min(axis=0), turned.max(axis=0)
     reach = float((high - low).max()) / 2.0
     centre = (low + high) / 2.0 @ turn.T
-    return Frame(centre, turn, problem.values.mean(axis=0), 1.0 / reach if reach > 0.0 else 1.0)
+    return Frame(centre, turn, problem.signals.mean(axis=0), 1.0 / reach if reach > 0.0 else 1.0)
 
 
 def principal_axes(domain: Array, values: Array) -> Array:
@@ -221,12 +225,11 @@ def principal_axes(domain: Array, values: Array) -> Array:
     return np.asarray(axes)
 
 
-def _observation_matrix(triangles: Indices, count: int, vertices: int, faces: int) -> sp.csr_matrix:
-    """Rows: each problem's vertices, then its triangles' centroids."""
-    own = np.arange(count)[:, None] * (vertices + faces)
-    at_vertices = (own + np.arange(vertices)).ravel()
-    at_centroids = np.repeat((own + vertices + np.arange(faces)).ravel(), 3)
-    rows = np.concatenate([at_vertices, at_centroids])
-    columns = np.concatenate([np.arange(count * vertices), triangles.ravel()])
-    entries = np.concatenate([np.ones(count * vertices), np.full(triangles.size, 1.0 / 3.0)])
-    return sp.csr_matrix((entries, (rows, columns)), shape=(count * (vertices + faces), count * vertices))
+def _observation_matrix(problems: list[Problem], vertices: int, observations: int) -> sp.csr_matrix:
+    """W of all problems, each padded to so many vertices and observations."""
+    rows = [observations * k + np.repeat(np.arange(len(problem.corners)), 3) for k, problem in enumerate(problems)]
+    columns = [vertices * k + problem.corners.ravel() for k, problem in enumerate(problems)]
+    entries = np.concatenate([problem.shares.ravel() for problem in problems])
+    some = np.flatnonzero(entries)
+    place = np.concatenate(rows)[some], np.concatenate(columns)[some]
+    return sp.csr_matrix((entries[some], place), shape=(len(problems) * observations, len(problems) * vertices))

@@ -35,33 +35,24 @@ def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray
 
 
 def fitting_weights(
-    weights: NDArray[np.float64], triangles: NDArray[np.int64], centroid_weight: float, kind: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Observation weights of one patch: it is fitted with the weight that it has in the blend.
+    blending: NDArray[np.float64], weights: NDArray[np.float64], kind: str
+) -> NDArray[np.float64]:
+    """Weights with which one patch is fitted: those that it has in the blend.
 
     The rim has no weight after blending, so it need not be fitted well: w = w0 (phi^2 + 0.05), rescaled to the sum of w0.
 
     Parameters
     ----------
+    blending
+        Blending weights phi at the patch's observations, (N,).
     weights
-        Blending weights phi at the patch's vertices, (m,).
-    triangles
-        (t, 3).
-    centroid_weight
-        w0 of a triangle's centroid; that of a vertex is 1.
+        Their own weights w0, (N,).
     kind
         "partition" or "uniform"; uniform blending is fitted with uniform weights.
-
-    Returns
-    -------
-    at_vertices, at_centroids
-        (m,) and (t,).
     """
-    at_vertices, at_centroids = np.ones(len(weights)), np.full(len(triangles), centroid_weight)
     if kind == "uniform":
-        return at_vertices, at_centroids
-    before = at_vertices.sum() + at_centroids.sum()
-    at_vertices *= weights**2 + PLATEAU
-    at_centroids *= weights[triangles].mean(axis=1) ** 2 + PLATEAU
-    scale = before / (at_vertices.sum() + at_centroids.sum())
-    return at_vertices * scale, at_centroids * scale
+        return weights
+    fitted = weights * (blending**2 + PLATEAU)
+    total = fitted.sum()
+    scaled: NDArray[np.float64] = fitted * (weights.sum() / total) if total > 0.0 else fitted
+    return scaled

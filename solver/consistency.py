@@ -9,13 +9,14 @@ each of them near the data.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .batch import Problem, WarmStart
-from .mesh import TriangleMesh
+from .observations import Observations
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, patch_problems
 from .patches import Patches
 from .settings import Settings
@@ -28,66 +29,39 @@ ANTI_DRIFT = 0.1
 
 
 class Blend:
-    """The blended surface at vertices and triangle centroids, kept up to date while patches change."""
+    """The blended surface at the observations, kept up to date while patches change."""
 
-    def __init__(self, mesh: TriangleMesh, patches: Patches, weights: Array, kind: str) -> None:
-        self.mesh, self.patches = mesh, patches
-        self.vertex_weights = weights
-        self.centroid_weights = centroid_blending_weights(mesh, patches, weights, kind)
-        self.centroids = mesh.vertices[mesh.triangles].mean(axis=1)
-        covered = np.bincount(patches.vertices, weights=weights, minlength=len(mesh.vertices))
-        self._at_vertices = (1.0 - covered)[:, None] * mesh.vertices
-        covered = np.bincount(patches.mesh_triangles, weights=self.centroid_weights, minlength=len(mesh.triangles))
-        self._at_centroids = (1.0 - covered)[:, None] * self.centroids
-        self._missing = np.bincount(patches.vertices, weights=weights, minlength=len(mesh.vertices))
+    def __init__(self, observations: Observations) -> None:
+        self.observations, self.patches = observations, observations.patches
+        self._surface = observations.points.copy()
 
-    def add(self, patch: int, fit: PatchFit, sign: float = 1.0) -> None:
-        """Add a patch's part to the surface, or take it away with sign -1."""
-        at_vertices, at_triangles = self.parts(patch)
-        self._missing[self.patches.vertices[at_vertices]] -= sign * self.vertex_weights[at_vertices]
-        self._at_vertices[self.patches.vertices[at_vertices]] += (
-            sign * self.vertex_weights[at_vertices, None] * fit.values
-        )
-        self._at_centroids[self.patches.mesh_triangles[at_triangles]] += (
-            sign * self.centroid_weights[at_triangles, None] * fit.centroid_values
-        )
+    def add(self, patch: int, fit: PatchFit) -> None:
+        """Add a patch's part to the surface: the data gives way to it."""
+        own = self.observations.of_patch(patch)
+        self._surface[own.number] += own.blending[:, None] * (fit.values - self.observations.points[own.number])
 
-    def parts(self, patch: int) -> tuple[slice, slice]:
-        """Where a patch's vertices and triangles stand in the ragged arrays."""
-        offsets, faces = self.patches.vertex_offsets, self.patches.triangle_offsets
-        return slice(offsets[patch], offsets[patch + 1]), slice(faces[patch], faces[patch + 1])
+    def exchange(self, patch: int, before: PatchFit, after: PatchFit) -> None:
+        """Replace a patch's part of the surface."""
+        own = self.observations.of_patch(patch)
+        self._surface[own.number] += own.blending[:, None] * (after.values - before.values)
 
-    def preview(self) -> Array:
-        """The surface at the input's vertices while patches come in, (V, 3): blended where they are there."""
-        return self._at_vertices + self._missing[:, None] * self.mesh.vertices
+    def preview(self, count: int) -> Array:
+        """The surface at the first observations while patches come in, (count, 3): the data where they are missing."""
+        return self._surface[:count].copy()
 
-    def remainder(self, patch: int, fit: PatchFit) -> tuple[Array, Array]:
-        """What the other patches leave for this one, phi_k times its target, at vertices (m, 3) and centroids (t, 3)."""
-        at_vertices, at_triangles = self.parts(patch)
-        vertices = self.patches.vertices[at_vertices]
-        triangles = self.patches.mesh_triangles[at_triangles]
-        left = self.mesh.vertices[vertices] - self._at_vertices[vertices]
-        left_inside = self.centroids[triangles] - self._at_centroids[triangles]
-        left += self.vertex_weights[at_vertices, None] * fit.values
-        left_inside += self.centroid_weights[at_triangles, None] * fit.centroid_values
-        return left, left_inside
+    def remainder(self, patch: int, fit: PatchFit) -> Array:
+        """What the other patches leave for this one at its observations, phi_k times its target, (N, 3)."""
+        own = self.observations.of_patch(patch)
+        left = self.observations.points[own.number] - self._surface[own.number]
+        left += own.blending[:, None] * fit.values
+        return left
 
 
-def centroid_blending_weights(mesh: TriangleMesh, patches: Patches, weights: Array, kind: str) -> Array:
-    """Blending weight of each patch at the centroids of its triangles, (S,)."""
-    if kind == "uniform":
-        count = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
-        return 1.0 / count[patches.mesh_triangles]
-    first = np.repeat(patches.vertex_offsets[:-1], np.diff(patches.triangle_offsets))
-    mean: Array = weights[patches.triangles + first[:, None]].mean(axis=1)
-    return mean
-
-
-def colour_patches(patches: Patches, vertex_count: int) -> list[Indices]:
+def colour_patches(patches: Patches) -> list[Indices]:
     """Split the patches into sets in which no two share a vertex; first fit in the order of the patches."""
     count = len(patches.centres)
-    rows = np.repeat(np.arange(count), np.diff(patches.vertex_offsets))
-    holds = sp.csr_matrix((np.ones(len(rows)), (rows, patches.vertices)), shape=(count, vertex_count))
+    shape = (count, int(patches.vertices.max(initial=-1)) + 1)
+    holds = sp.csr_matrix((np.ones(len(patches.vertices)), (patches.vertex_patch, patches.vertices)), shape=shape)
     touching = (holds @ holds.T).tocsr()
     colour = np.full(count, -1)
     for k in range(count):
@@ -121,13 +95,12 @@ def sweep(
         Fits chunks, in order.
     """
     channels = 3 if settings.domains == "separate" else 1
-    for colour in colour_patches(blend.patches, len(blend.mesh.vertices)):
+    for colour in colour_patches(blend.patches):
         chunks = chunk_patches(blend.patches, colour, channels)
         tasks = (sweep_task(blend, domains, fits, settings, chunk) for chunk in chunks)
         for task, fitted in run(tasks):
             for patch, fit in zip(task.patches, fitted, strict=True):
-                blend.add(int(patch), fits[patch], -1.0)
-                blend.add(int(patch), fit)
+                blend.exchange(int(patch), fits[patch], fit)
                 fits[patch] = fit
             yield len(fitted)
 
@@ -136,41 +109,23 @@ def sweep_task(blend: Blend, domains: Array, fits: list[PatchFit], settings: Set
     """Problems of some patches against what all the others leave, started from where they stand."""
     problems = []
     for k in map(int, chunk):
-        own = patch_problems(blend.mesh, blend.patches, domains, blend.vertex_weights, settings, k)
+        own = patch_problems(blend.observations, domains, settings, k)
         problems += _against_remainder(blend, own, fits[k], k)
     return ChunkTask(chunk, problems, settings)
 
 
 def _against_remainder(blend: Blend, problems: list[Problem], fit: PatchFit, patch: int) -> list[Problem]:
-    at_vertices, at_triangles = blend.parts(patch)
-    left, left_inside = blend.remainder(patch, fit)
-    phi, phi_inside = blend.vertex_weights[at_vertices], blend.centroid_weights[at_triangles]
+    """Change targets and weights so that least squares mean w0 (phi^2 |left / phi - h|^2 + gamma |data - h|^2)."""
+    own = blend.observations.of_patch(patch)
+    left = blend.remainder(patch, fit)
+    share = own.blending**2 + ANTI_DRIFT
+    weights = own.weights * share
+    weights *= problems[0].weights.sum() / max(weights.sum(), 1e-300)
     signals = np.cumsum([0] + [problem.values.shape[1] for problem in problems])
     result = []
     for c, problem in enumerate(problems):
         part = slice(signals[c], signals[c + 1])
-        centroid_share = problem.centroid_weights.sum() / max(problem.vertex_weights.sum(), 1e-300)
-        weights, values = _combined(phi, left[:, part], problem.values)
-        inside, inside_values = _combined(phi_inside, left_inside[:, part], problem.centroid_values)
-        inside *= centroid_share * weights.sum() / max(inside.sum(), 1e-300)
-        scale = (problem.vertex_weights.sum() + problem.centroid_weights.sum()) / (weights.sum() + inside.sum())
+        target = (own.blending[:, None] * left[:, part] + ANTI_DRIFT * problem.values) / share[:, None]
         warm = WarmStart(fit.frames[c], fit.domain[c], fit.support[part])
-        result.append(
-            Problem(
-                problem.domain,
-                problem.triangles,
-                values,
-                inside_values,
-                weights * scale,
-                inside * scale,
-                problem.degree,
-                warm,
-            )
-        )
+        result.append(replace(problem, values=target, weights=weights, warm=warm))
     return result
-
-
-def _combined(phi: Array, left: Array, data: Array) -> tuple[Array, Array]:
-    """Weights and targets whose least squares are phi^2 |left / phi - h|^2 + gamma |data - h|^2, up to a constant."""
-    weight = phi**2 + ANTI_DRIFT
-    return weight, (phi[:, None] * left + ANTI_DRIFT * data) / weight[:, None]

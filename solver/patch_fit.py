@@ -14,19 +14,13 @@ from threadpoolctl import threadpool_limits
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .blending import fitting_weights
 from .dictionary import Dictionary
-from .mesh import TriangleMesh
+from .observations import Observations
 from .patches import Patches
 from .settings import Settings
 from .variable_projection import Solution, final_weights, fitted_values, improve, solve
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-SMALL_PATCH = 100
-SMALL_PATCH_DEGREE = 7
-CENTROID_WEIGHT = 0.5
-SMALL_PATCH_CENTROID_WEIGHT = 1.5
-"""Small patches have too few vertices to hold a high degree between them."""
 
 SWEEP_ITERATIONS = 5
 """Steps that a patch takes when a sweep re-fits it."""
@@ -56,7 +50,7 @@ class ChunkTask:
 
 @dataclass(frozen=True)
 class PatchFit:
-    """One fitted patch; C domains, m vertices, s functions.
+    """One fitted patch; C domains, m vertices, N observations, s functions.
 
     Attributes
     ----------
@@ -66,8 +60,8 @@ class PatchFit:
         In the frames, (C, m, 2).
     support, coefficients
         (3, s).
-    values, centroid_values
-        The patch's own surface at its vertices (m, 3) and triangle centroids (t, 3), scene units.
+    values
+        The patch's own surface at its observations, (N, 3), scene units.
     energy
         Objective after each iteration, summed over the domains, in the patch's scale.
     """
@@ -78,29 +72,24 @@ class PatchFit:
     support: Indices
     coefficients: Array
     values: Array
-    centroid_values: Array
     energy: Array
 
 
-def chunk_task(
-    mesh: TriangleMesh, patches: Patches, domains: Array, weights: Array, settings: Settings, chunk: Indices
-) -> ChunkTask:
+def chunk_task(observations: Observations, domains: Array, settings: Settings, chunk: Indices) -> ChunkTask:
     """Gather what fitting the patches `chunk` takes.
 
     Parameters
     ----------
-    mesh, patches
-        The cover.
+    observations
+        What the patches are fitted to.
     domains
         Initial domains in scene units, (M, 2).
-    weights
-        Blending weights, (M,).
     settings
         Resolved settings.
     chunk
         Numbers of the patches.
     """
-    problems = [p for k in chunk for p in patch_problems(mesh, patches, domains, weights, settings, int(k))]
+    problems = [p for k in chunk for p in patch_problems(observations, domains, settings, int(k))]
     return ChunkTask(chunk, problems, settings)
 
 
@@ -120,25 +109,20 @@ def chunk_patches(patches: Patches, which: Indices, problems_each: int = 1) -> l
     return chunks
 
 
-def patch_problems(
-    mesh: TriangleMesh, patches: Patches, domains: Array, weights: Array, settings: Settings, patch: int
-) -> list[Problem]:
+def patch_problems(observations: Observations, domains: Array, settings: Settings, patch: int) -> list[Problem]:
     """Problems of one patch: a single one for x, y, z, or one for each."""
-    vertices = slice(patches.vertex_offsets[patch], patches.vertex_offsets[patch + 1])
-    triangles = patches.triangles[patches.triangle_offsets[patch] : patches.triangle_offsets[patch + 1]]
-    small = vertices.stop - vertices.start < SMALL_PATCH
-    at_vertices, at_centroids = fitting_weights(
-        weights[vertices],
-        triangles,
-        SMALL_PATCH_CENTROID_WEIGHT if small else CENTROID_WEIGHT,
-        settings.blending,
-    )
-    values = mesh.vertices[patches.vertices[vertices]]
-    signals = [values] if settings.domains == "common" else [values[:, [d]] for d in range(3)]
-    degree = min(settings.degree, SMALL_PATCH_DEGREE) if small else settings.degree
+    patches = observations.patches
+    vertices = slice(*patches.vertex_offsets[patch : patch + 2])
+    triangles = patches.triangles[slice(*patches.triangle_offsets[patch : patch + 2])]
+    own = observations.of_patch(patch)
+    weights = fitting_weights(own.blending, own.weights, settings.blending)
+    at_vertices, values = observations.vertices[patches.vertices[vertices]], observations.points[own.number]
+    degree = min(settings.degree, own.degree)
     return [
-        Problem(domains[vertices], triangles, signal, signal[triangles].mean(axis=1), at_vertices, at_centroids, degree)
-        for signal in signals
+        Problem(
+            domains[vertices], triangles, at_vertices[:, part], own.corners, own.shares, values[:, part], weights, degree
+        )
+        for part in ([slice(0, 3)] if settings.domains == "common" else [slice(d, d + 1) for d in range(3)])
     ]
 
 
@@ -158,7 +142,7 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
         frames = batch.frames[part]
         support, coefficients = (a[part].reshape(3, -1) for a in (solution.fit.support, solution.fit.coefficients))
         initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
-        count, most = len(task.problems[k].triangles), batch.start.shape[2]
+        count = len(task.problems[k].values)
         points = [f.T / frame.scale + frame.origin for f, frame in zip(fitted[part], frames, strict=True)]
         values = np.concatenate(points, axis=1)
         fits.append(
@@ -168,8 +152,7 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
                 domain,
                 support,
                 coefficients,
-                values[:size],
-                values[most : most + count],
+                values[:count],
                 energy[:, part].sum(axis=1),
             )
         )

@@ -19,6 +19,7 @@ from .execution import run_chunks
 from .initial_domains import initial_domains
 from .mesh import TriangleMesh, _checked_faces, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
+from .observations import MeshObservations
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
 from .patches import Patches, build_patches
 from .progress import FINISH, Progress, Steps, run_to_end
@@ -151,12 +152,12 @@ def approximate_steps(
     yield Progress("Parameterising patches", 0.03, f"{len(patches)} patches")
     with watch.stage("domains"):
         domains = initial_domains(mesh, patches, settings.initial_domain)
-    surface = Blend(mesh, patches, blend, settings.blending)
+    surface = Blend(MeshObservations(mesh, patches, blend, settings.blending))
     with watch.stage("solve"):
-        fits, hurry = yield from _solve(surface, domains, settings, executor)
+        fits, hurry = yield from solve_patches(surface, domains, settings, executor, len(mesh.vertices))
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
-            yield from _sweep(surface, domains, fits, settings, executor)
+            yield from sweep_patches(surface, domains, fits, settings, executor, len(mesh.vertices))
     representation = assemble(mesh, _checked_faces(faces, len(source)), patches, blend, fits, settings)
     yield Progress("Blending", SWEEPS_END)
     with watch.stage("blend"):
@@ -165,10 +166,13 @@ def approximate_steps(
     return _result(mesh, patches, representation, points.astype(stored), fits, settings, watch)
 
 
-def _solve(
-    surface: Blend, domains: Array, settings: Settings, executor: Executor | None
+def solve_patches(
+    surface: Blend, domains: Array, settings: Settings, executor: Executor | None, shown: int
 ) -> Steps[tuple[list[PatchFit], bool]]:
-    """Fit every patch by itself; returns the fits and whether the rest was hurried on request."""
+    """Fit every patch by itself; returns the fits and whether the rest was hurried on request.
+
+    The first `shown` observations are handed out as preview of the surface.
+    """
     patches, count = surface.patches, len(surface.patches)
     fits: list[PatchFit | None] = [None] * count
     end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
@@ -177,9 +181,7 @@ def _solve(
 
     def tasks() -> Iterator[ChunkTask]:
         for chunk in chunk_patches(patches, np.arange(count), _channels(settings)):
-            yield chunk_task(
-                surface.mesh, patches, domains, surface.vertex_weights, hurried if state["hurry"] else settings, chunk
-            )
+            yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
     done = 0
     for task, fitted in run_chunks(tasks(), executor):
@@ -188,13 +190,13 @@ def _solve(
             surface.add(int(patch), fit)
         done += len(fitted)
         share = SOLVE_STARTS + (end - SOLVE_STARTS) * done / count
-        request = yield Progress("Solving patches", share, f"{done} of {count} patches", surface.preview())
+        request = yield Progress("Solving patches", share, f"{done} of {count} patches", surface.preview(shown))
         state["hurry"] = state["hurry"] or request == FINISH
     return [fit for fit in fits if fit is not None], state["hurry"]
 
 
-def _sweep(
-    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, executor: Executor | None
+def sweep_patches(
+    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, executor: Executor | None, shown: int
 ) -> Steps[None]:
     """Make the patches consistent; changes `fits`."""
     total = settings.sweeps * len(fits)
@@ -203,7 +205,7 @@ def _sweep(
         for count in sweep(surface, domains, fits, settings, lambda tasks: run_chunks(tasks, executor)):
             done += count
             share = SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * done / total
-            request = yield Progress("Blending patches", share, f"sweep {number + 1}", surface.preview())
+            request = yield Progress("Blending patches", share, f"sweep {number + 1}", surface.preview(shown))
             if request == FINISH:
                 return
 
