@@ -17,8 +17,9 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
+from .boundary import Loops, boundary_loops
 from .mesh import TriangleMesh
-from .patches import Patches, boundary_loops
+from .patches import Patches
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -28,7 +29,7 @@ METHODS = ("lscm", "harmonic", "tutte")
 """The methods, in the order in which one stands in for the one before it."""
 
 _CHUNK = 20_000  # vertices factorised together; bounds the memory
-_WIDEST_BAND = 200
+_WIDEST_BAND = 80  # beyond that a general sparse factorisation is faster
 _SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
 _SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
 
@@ -96,8 +97,10 @@ def squeeze(mesh: TriangleMesh, patches: Patches, domains: Floats) -> Floats:
 
 def _chunk_bounds(offsets: Integers) -> list[tuple[int, int]]:
     """Split patches into runs of about `_CHUNK` vertices."""
+    if len(offsets) == 1:
+        return []
     number = offsets[:-1] // _CHUNK
-    starts = np.flatnonzero(np.concatenate(([True], number[1:] != number[:-1]))) if len(number) else np.zeros(0, int)
+    starts = np.flatnonzero(np.concatenate(([True], number[1:] != number[:-1])))
     ends = np.concatenate((starts[1:], [len(number)]))
     return [(int(low), int(high)) for low, high in zip(starts, ends, strict=True)]
 
@@ -214,19 +217,20 @@ def _solve_lscm(patches: Patches, geometry: _Geometry) -> Floats:
     """
     triangles = patches.block_triangles
     count = len(patches.vertices)
-    offsets, loops = boundary_loops(patches)
-    following = _next_on_loop(offsets, loops)
+    outer, holes = boundary_loops(patches)
+    start = np.concatenate((outer.vertices, holes.vertices))
+    end = np.concatenate((outer.following, holes.following))
     laplacian = _laplacian(triangles, 0.5 * _cotangents(geometry), count)
-    turn = np.full(len(loops), 0.5j)
+    turn = np.full(len(start), 0.5j)
     rows, columns = laplacian.coords
     energy = coo_array(
         (
             np.concatenate((laplacian.data.astype(np.complex128), turn, -turn)),
-            (np.concatenate((rows, loops, following)), np.concatenate((columns, following, loops))),
+            (np.concatenate((rows, start, end)), np.concatenate((columns, end, start))),
         ),
         shape=(count, count),
     ).tocsr()
-    first, second = _far_apart(offsets, loops, geometry.positions)
+    first, second = _far_apart(outer, geometry.positions)
     values = np.zeros(count, dtype=np.complex128)
     values[second] = np.linalg.norm(geometry.positions[second] - geometry.positions[first], axis=1)
     # Two border vertices at the same place still have to be told apart.
@@ -238,14 +242,11 @@ def _solve_lscm(patches: Patches, geometry: _Geometry) -> Floats:
 
 
 def _solve_harmonic(patches: Patches, geometry: _Geometry) -> Floats:
-    laplacian = _laplacian(patches.block_triangles, 0.5 * _cotangents(geometry), len(patches.vertices))
-    return _inside_circle(patches, geometry, csr_array(laplacian))
+    return _inside_circle(patches, geometry, 0.5 * _cotangents(geometry))
 
 
 def _solve_tutte(patches: Patches, geometry: _Geometry) -> Floats:
-    triangles = patches.block_triangles
-    laplacian = _laplacian(triangles, np.full(triangles.shape, 0.5), len(patches.vertices))
-    return _inside_circle(patches, geometry, csr_array(laplacian))
+    return _inside_circle(patches, geometry, np.full((len(patches.triangles), 3), 0.5))
 
 
 _SOLVERS: dict[str, Callable[[Patches, _Geometry], Floats]] = {
@@ -255,24 +256,42 @@ _SOLVERS: dict[str, Callable[[Patches, _Geometry], Floats]] = {
 }
 
 
-def _inside_circle(patches: Patches, geometry: _Geometry, laplacian: csr_array) -> Floats:
-    """Lay each border on a circle by the length of its edges and solve for the inside."""
-    offsets, loops = boundary_loops(patches)
-    following = _next_on_loop(offsets, loops)
-    length = np.linalg.norm(geometry.positions[following] - geometry.positions[loops], axis=1)
-    sizes = np.diff(offsets)
-    mean = np.repeat(np.add.reduceat(length, offsets[:-1]) / sizes, sizes)
+def _inside_circle(patches: Patches, geometry: _Geometry, weights: Floats) -> Floats:
+    """Lay each outer boundary on a circle by the length of its edges and solve for the inside."""
+    outer, holes = boundary_loops(patches)
+    count = len(patches.vertices)
+    laplacian = _laplacian(patches.block_triangles, weights, count + len(holes.patch))
+    if len(holes.patch):
+        laplacian = laplacian + _hubs(holes, count)
+    values = np.zeros(laplacian.shape[0], dtype=np.complex128)
+    values[outer.vertices] = np.exp(1j * _angles(outer, geometry.positions))
+    held = np.zeros(len(values), dtype=bool)
+    held[outer.vertices] = True
+    solved = _solve_held(csr_array(laplacian), held, values)[:count]
+    return np.stack((solved.real, solved.imag), axis=1)
+
+
+def _angles(outer: Loops, positions: Floats) -> Floats:
+    sizes, first = np.diff(outer.offsets), outer.offsets[:-1]
+    length = np.linalg.norm(positions[outer.following] - positions[outer.vertices], axis=1)
+    mean = np.repeat(np.add.reduceat(length, first) / sizes, sizes)
     # A border edge of no length would make a triangle of no area.
     length = np.where(mean > 0, np.maximum(length, 1e-2 * mean), 1.0)
-    total = np.repeat(np.add.reduceat(length, offsets[:-1]), sizes)
+    total = np.repeat(np.add.reduceat(length, first), sizes)
     before = np.cumsum(length) - length
-    angle = 2 * np.pi * (before - np.repeat(before[offsets[:-1]], sizes)) / total
-    values = np.zeros(len(patches.vertices), dtype=np.complex128)
-    values[loops] = np.exp(1j * angle)
-    held = np.zeros(len(values), dtype=bool)
-    held[loops] = True
-    solved = _solve_held(laplacian, held, values)
-    return np.stack((solved.real, solved.imag), axis=1)
+    return 2 * np.pi * (before - np.repeat(before[first], sizes)) / total
+
+
+def _hubs(holes: Loops, count: int) -> coo_array:
+    """Span each hole by a further vertex in its middle, so that it cannot turn inside out."""
+    hub = np.repeat(count + np.arange(len(holes.patch)), np.diff(holes.offsets))
+    weight = np.ones(len(hub))
+    rim, next_on_rim = holes.vertices, holes.following
+    rows = np.concatenate((hub, rim, hub, rim, rim, next_on_rim, rim, next_on_rim))
+    columns = np.concatenate((rim, hub, hub, rim, next_on_rim, rim, rim, next_on_rim))
+    data = np.concatenate((-weight, -weight, weight, weight, *(0.5 * w for w in (-weight, -weight, weight, weight))))
+    total = count + len(holes.patch)
+    return coo_array((data, (rows, columns)), shape=(total, total))
 
 
 def _solve_held(matrix: csr_array, held: Booleans, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -323,14 +342,9 @@ def _with_real_matrix(
     return np.asarray(both[:, 0] + 1j * both[:, 1], dtype=np.complex128)
 
 
-def _next_on_loop(offsets: Integers, loops: Integers) -> Integers:
-    following = np.roll(loops, -1)
-    following[offsets[1:] - 1] = loops[offsets[:-1]]
-    return following
-
-
-def _far_apart(offsets: Integers, loops: Integers, positions: Floats) -> tuple[Integers, Integers]:
+def _far_apart(outer: Loops, positions: Floats) -> tuple[Integers, Integers]:
     """Return two border vertices of each patch that are far from each other."""
+    offsets, loops = outer.offsets, outer.vertices
     sizes = np.diff(offsets)
     start = loops[offsets[:-1]]
     for_all = []

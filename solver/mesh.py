@@ -23,7 +23,7 @@ from .triangulation import triangulate
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
-Faces = NDArray[np.integer] | Sequence[Sequence[int]]
+Faces = ArrayLike | Sequence[ArrayLike]
 
 _MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
 
@@ -122,6 +122,18 @@ class TriangleMesh:
         return csr_array((ones, self.triangle_edges[rows].reshape(-1), offsets), shape=shape)
 
     @cached_property
+    def border_loops(self) -> tuple[Integers, Integers]:
+        """Open border that each edge lies on, (E,), -1 inside the surface, and the number of edges of each border."""
+        on_border = np.flatnonzero(self.edge_triangles[:, 1] < 0)
+        ends = self.edges[on_border]
+        links = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(self.node_count,) * 2)
+        _, label = connected_components(links.tocsr(), directed=False)
+        _, number, sides = np.unique(label[ends[:, 0]], return_inverse=True, return_counts=True)
+        loop = np.full(len(self.edges), -1, dtype=np.int64)
+        loop[on_border] = number
+        return loop, sides
+
+    @cached_property
     def twin_of_edge(self) -> Integers:
         """First edge between the same nodes for edges that are not alone between theirs, (E,); -1 for all others."""
         key = self.edges.min(axis=1) * np.int64(self.node_count) + self.edges.max(axis=1)
@@ -134,9 +146,7 @@ class TriangleMesh:
         return float(np.ptp(self.vertices, axis=0).max())
 
 
-def build_mesh(
-    vertices: ArrayLike, faces: Faces, triangles: tuple[ArrayLike, ArrayLike] | None = None
-) -> TriangleMesh:
+def build_mesh(vertices: ArrayLike, faces: Faces, triangles: tuple[ArrayLike, ArrayLike] | None = None) -> TriangleMesh:
     """Check the input and build its triangulation and topology.
 
     Parameters

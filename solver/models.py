@@ -59,7 +59,9 @@ def detailed() -> Model:
     directions, faces = _geodesic_sphere(75, jitter=_JITTER)
     x, y, z = directions.T
     body = 1 + 0.25 * x * z + 0.15 * np.cos(2.4 * y + 0.5) - 0.2 * z**3
-    relief = _waves(directions, frequencies=(4.0, 8.0, 15.0, 26.0, 40.0), amplitudes=(0.1, 0.1, 0.06, 0.03, 0.012), seed=7)
+    relief = _waves(
+        directions, frequencies=(4.0, 8.0, 15.0, 26.0, 40.0), amplitudes=(0.1, 0.1, 0.06, 0.03, 0.012), seed=7
+    )
     stretched = directions * (body + relief)[:, None] * np.array([1.5, 0.8, 1.0])
     return stretched / np.ptp(stretched, axis=0).max(), faces
 
@@ -275,7 +277,9 @@ def _disk_grid(cells: int, jitter: float) -> tuple[Floats, Integers, Integers]:
     share = np.divide(np.minimum(np.abs(u), np.abs(v)), radius, out=np.zeros_like(radius), where=radius > 0)
     angle = 0.25 * np.pi * share
     steep = np.abs(v) > np.abs(u)
-    circle = np.column_stack((np.where(steep, np.sin(angle), np.cos(angle)), np.where(steep, np.cos(angle), np.sin(angle))))
+    circle = np.column_stack(
+        (np.where(steep, np.sin(angle), np.cos(angle)), np.where(steep, np.cos(angle), np.sin(angle)))
+    )
     # Blend from the square itself in the middle to circles at the border: even cells all over.
     blend = radius[:, None] ** 2
     square = np.column_stack((np.abs(u), np.abs(v))) * 0.85

@@ -158,7 +158,9 @@ def _next_ear(polygon: Floats, left: Integers, right: Integers, alive: Booleans,
     candidates = np.flatnonzero(alive & (turn > 0))
     reflex = polygon[alive & (turn <= 0)]
     # Fattest corners first: fewer needles.
-    shape = turn[candidates] / _longest_squared(polygon[left[candidates]], polygon[candidates], polygon[right[candidates]])
+    shape = turn[candidates] / _longest_squared(
+        polygon[left[candidates]], polygon[candidates], polygon[right[candidates]]
+    )
     for ear in candidates[np.argsort(-shape, kind="stable")]:
         if not _contains_any(polygon[left[ear]], polygon[ear], polygon[right[ear]], reflex):
             return int(ear)
