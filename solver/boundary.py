@@ -10,6 +10,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from .patches import Patches
+from .ragged import offsets_of
 
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
@@ -42,9 +43,7 @@ class Loops:
     def select(self, which: Booleans) -> Loops:
         """Return some of the loops."""
         sizes = np.diff(self.offsets)
-        return Loops(
-            np.concatenate(([0], np.cumsum(sizes[which]))), self.vertices[np.repeat(which, sizes)], self.patch[which]
-        )
+        return Loops(offsets_of(sizes[which]), self.vertices[np.repeat(which, sizes)], self.patch[which])
 
 
 def boundary_loops(patches: Patches) -> tuple[Loops, Loops]:
@@ -84,7 +83,7 @@ def _ordered(vertices: Integers, following: Integers, patch: Integers) -> Loops:
     order = np.argsort(first, kind="stable")
     number = np.empty(len(first), dtype=np.int64)
     number[order] = np.arange(len(first))
-    offsets = np.concatenate(([0], np.cumsum(sizes[order])))
+    offsets = offsets_of(sizes[order])
     rank = _rank_in_cycle(following, first[loop])
     result = np.empty(count, dtype=np.int64)
     result[offsets[number[loop]] + rank] = vertices

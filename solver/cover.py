@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import TriangleMesh
+from .ragged import row_positions
 
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
@@ -72,15 +75,15 @@ def _first_centres(mesh: TriangleMesh, wanted: Booleans) -> Integers:
     return nodes[order[best]]
 
 
-def gather_neighbours(offsets: Integers, neighbours: NDArray[np.integer], nodes: Integers) -> tuple[Integers, Integers]:
+def gather_neighbours(
+    offsets: Integers, neighbours: NDArray[np.integer[Any]], nodes: Integers
+) -> tuple[Integers, Integers]:
     """Return all neighbours of `nodes`, one after the other, and for each the position in `nodes` it belongs to."""
-    counts = offsets[nodes + 1] - offsets[nodes]
-    owner = np.repeat(np.arange(len(nodes)), counts)
-    within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return neighbours[offsets[nodes][owner] + within].astype(np.int64), owner
+    rows, new = row_positions(offsets, nodes)
+    return neighbours[rows].astype(np.int64), np.repeat(np.arange(len(nodes)), np.diff(new))
 
 
-def _lower(distance: Integers, offsets: Integers, neighbours: NDArray[np.integer], sources: Integers) -> None:
+def _lower(distance: Integers, offsets: Integers, neighbours: NDArray[np.integer[Any]], sources: Integers) -> None:
     """Lower `distance` in place to the hops from `sources`; nodes at -1 are walked through but not counted."""
     reached = distance
     walls = distance < 0
@@ -100,7 +103,7 @@ def _lower(distance: Integers, offsets: Integers, neighbours: NDArray[np.integer
 
 
 def _mutually_distant(
-    candidates: Integers, hops: int, rank: Integers, offsets: Integers, neighbours: NDArray[np.integer]
+    candidates: Integers, hops: int, rank: Integers, offsets: Integers, neighbours: NDArray[np.integer[Any]]
 ) -> Integers:
     """Return the candidates that outrank every other candidate within less than `hops` edges."""
     if len(candidates) == 1:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -333,7 +334,7 @@ def _solve_positive(matrix: csr_array, order: Integers, right: NDArray[np.comple
 
 
 def _with_real_matrix(
-    solve: Callable[[NDArray[np.inexact]], NDArray[np.inexact]], matrix: csr_array, right: NDArray[np.complex128]
+    solve: Callable[[NDArray[Any]], NDArray[Any]], matrix: csr_array, right: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
     """Solve for a complex right side, as two real ones where the matrix is real."""
     if matrix.dtype.kind == "c":

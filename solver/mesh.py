@@ -8,9 +8,11 @@ passed through, which keeps the surface in one piece.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +20,12 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from .errors import InputError
+from .ragged import offsets_of
 from .triangulation import triangulate
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
-Faces = ArrayLike | Sequence[ArrayLike]
 
 _MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
 
@@ -116,7 +118,7 @@ class TriangleMesh:
     def triangle_edge_incidence(self) -> csr_array:
         """Which edges belong to which triangle, (T, E)."""
         rows = np.flatnonzero(~self.collapsed)
-        offsets = np.concatenate(([0], np.cumsum(np.where(self.collapsed, 0, 3))))
+        offsets = offsets_of(np.where(self.collapsed, 0, 3))
         ones = np.ones(3 * len(rows), dtype=bool)
         shape = (len(self.triangles), len(self.edges))
         return csr_array((ones, self.triangle_edges[rows].reshape(-1), offsets), shape=shape)
@@ -146,7 +148,11 @@ class TriangleMesh:
         return float(np.ptp(self.vertices, axis=0).max())
 
 
-def build_mesh(vertices: ArrayLike, faces: Faces, triangles: tuple[ArrayLike, ArrayLike] | None = None) -> TriangleMesh:
+def build_mesh(
+    vertices: ArrayLike,
+    faces: ArrayLike | Sequence[Sequence[int]],
+    triangles: tuple[ArrayLike, ArrayLike] | None = None,
+) -> TriangleMesh:
     """Check the input and build its triangulation and topology.
 
     Parameters
@@ -198,7 +204,7 @@ def _checked_vertices(vertices: ArrayLike) -> Floats:
     return points
 
 
-def _checked_faces(faces: Faces, vertex_count: int) -> tuple[Integers, Integers]:
+def _checked_faces(faces: ArrayLike | Sequence[Sequence[int]], vertex_count: int) -> tuple[Integers, Integers]:
     """Return the faces as one row of corners and offsets into it."""
     if isinstance(faces, np.ndarray) and faces.dtype != object:
         array = _checked_indices(faces, "faces")
@@ -208,17 +214,18 @@ def _checked_faces(faces: Faces, vertex_count: int) -> tuple[Integers, Integers]
         corners = array.reshape(-1)
     else:
         try:
-            sizes = np.fromiter((len(face) for face in faces), dtype=np.int64, count=len(faces))
-            joined = np.concatenate([np.asarray(face) for face in faces]) if len(faces) else np.zeros(0, np.int64)
+            polygons = [list(polygon) for polygon in cast(Iterable[Iterable[int]], faces)]
+            joined = np.array(list(chain.from_iterable(polygons)))
         except (TypeError, ValueError):
             raise InputError("The faces must be a list of polygons, each a list of vertex numbers.") from None
+        sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
         corners = _checked_indices(joined, "faces")
     if len(sizes) == 0:
         raise InputError("The mesh has no faces.")
     if sizes.min() < 3:
         raise InputError(f"Face {int(np.argmin(sizes))} has fewer than three corners.")
     _refuse_out_of_range(corners, vertex_count)
-    return corners, np.concatenate(([0], np.cumsum(sizes)))
+    return corners, offsets_of(sizes)
 
 
 def _checked_triangulation(
@@ -297,7 +304,7 @@ def _with_topology(points: Floats, triangles: Integers, polygon: Integers, polyg
         edges=edges,
         edge_triangles=edge_triangles,
         adjacency=adjacency,
-        fan_offsets=np.concatenate(([0], np.cumsum(fan_sizes))),
+        fan_offsets=offsets_of(fan_sizes),
         fan_triangles=proper[fan_corners // 3],
         component=component.astype(np.int64),
         component_count=int(component_count),

@@ -102,7 +102,7 @@ def creased_terrain(vertex_count: int = 1_000_000) -> Model:
 
     The distance between vertices is 1, so that patches look alike at every size.
     """
-    side = max(int(round(np.sqrt(vertex_count))), 2)
+    side = max(round(vertex_count**0.5), 2)
     row, column = np.divmod(np.arange(side * side), side)
     plane = np.column_stack((column, row)) + _jitter((side * side, 2), seed=11)
     ridges = ((0.4, 41.0), (1.3, 53.0), (2.5, 67.0))  # direction across and distance between

@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from .cover import build_cover
 from .disks import Disks, held_nodes, largest_disks, row_chunks
 from .mesh import TriangleMesh, solve_winding, triangle_areas
+from .ragged import offsets_of, row_positions
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -80,8 +81,8 @@ class Patches:
     def select(self, which: Integers | Booleans) -> Patches:
         """Return some of the patches, in the order given; `passed_through` stays as it is."""
         chosen = np.arange(len(self))[which]
-        vertex_rows, vertex_offsets = _rows_of(self.vertex_offsets, chosen)
-        triangle_rows, triangle_offsets = _rows_of(self.triangle_offsets, chosen)
+        vertex_rows, vertex_offsets = row_positions(self.vertex_offsets, chosen)
+        triangle_rows, triangle_offsets = row_positions(self.triangle_offsets, chosen)
         return Patches(
             centres=self.centres[chosen],
             rings=self.rings[chosen],
@@ -212,7 +213,7 @@ def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans) -> Pat
     return Patches(
         centres=mesh.node_vertex[disks.centres],
         rings=disks.rings,
-        vertex_offsets=np.concatenate(([0], np.cumsum(sizes))),
+        vertex_offsets=offsets_of(sizes),
         vertices=mesh.node_vertex[nodes],
         nodes=nodes,
         triangle_offsets=disks.members.indptr.astype(np.int64),
@@ -234,7 +235,7 @@ def _assemble_chunk(
     """Return nodes, patch sizes, local triangles, mesh triangles and rim distances of some patches."""
     local = _Local.of(mesh, members)
     sizes = np.bincount(local.patch, minlength=local.patch_count)
-    first = np.concatenate(([0], np.cumsum(sizes)))[:-1]
+    first = offsets_of(sizes)[:-1]
     turned = _winding_in_patches(mesh, local) < 0
     corners = local.corners.copy()
     corners[turned] = corners[turned][:, [0, 2, 1]]
@@ -309,10 +310,3 @@ def _concatenate(one: Patches, two: Patches, passed_through: Booleans) -> Patche
         rim_distance=both("rim_distance"),
         passed_through=passed_through,
     )
-
-
-def _rows_of(offsets: Integers, chosen: Integers) -> tuple[Integers, Integers]:
-    """Return the positions that belong to the chosen rows of a ragged array, and the offsets of the result."""
-    sizes = np.diff(offsets)[chosen]
-    new = np.concatenate(([0], np.cumsum(sizes)))
-    return np.repeat(offsets[chosen] - new[:-1], sizes) + np.arange(new[-1]), new

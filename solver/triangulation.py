@@ -7,6 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .ragged import offsets_of
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
@@ -52,7 +54,7 @@ def _without_repeats(corners: Integers, offsets: Integers) -> tuple[Integers, In
     keep = corners != previous
     if keep.all():
         return corners, offsets
-    return corners[keep], np.concatenate(([0], np.cumsum(np.add.reduceat(keep.astype(np.int64), offsets[:-1]))))
+    return corners[keep], offsets_of(np.add.reduceat(keep.astype(np.int64), offsets[:-1]))
 
 
 def _split_equal(polygons: Floats) -> Integers:
