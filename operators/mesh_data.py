@@ -361,6 +361,7 @@ def place_like(made: Object, model: Object) -> None:
 
 def select_only(context: Context, objects: list[Object]) -> None:
     """Select these objects, the last one active, and nothing else."""
+    context.view_layer.update()
     for other in context.view_layer.objects.selected[:]:
         other.select_set(False)
     visible = [made for made in objects if context.view_layer.objects.get(made.name) == made]
