@@ -3,15 +3,13 @@
     python scripts/build_extension.py                       all of them
     python scripts/build_extension.py linux-x64 nowheels    some of them
 
-The same sources and wheels give the same bytes: files go in by name, with one date and one mode, and without what
-the checkout happens to hold beside the package.
+The same sources and wheels give the same bytes.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
@@ -25,10 +23,8 @@ from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
 
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
-LAYERS = ("operators", "solver", "ui")
-ROOT_FILES = ("__init__.py", "__main__.py", "cli.py", "LICENSE", "CHANGELOG.md")
-# The earliest date that a zip can hold, as seconds since 1970.
-DATE = 315532800
+FOLDERS = ("operators", "presets", "solver", "ui")
+DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can hold
 
 
 class BuildError(Exception):
@@ -37,44 +33,47 @@ class BuildError(Exception):
 
 def package_files() -> list[Path]:
     """Return what belongs to the package, relative to the checkout, in order."""
-    layers = [
-        path.relative_to(CHECKOUT)
-        for layer in LAYERS
-        for path in (CHECKOUT / layer).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
-    ]
-    return sorted([*(Path(name) for name in ROOT_FILES if (CHECKOUT / name).exists()), *layers])
+    inside = [path for folder in FOLDERS for path in (CHECKOUT / folder).rglob("*") if path.is_file()]
+    found = [path.relative_to(CHECKOUT) for path in [*inside, *CHECKOUT.glob("*.py"), CHECKOUT / "LICENSE"]]
+    return sorted(path for path in found if "__pycache__" not in path.parts and not path.name.startswith("."))
 
 
 def manifest_source() -> str:
     return (CHECKOUT / MANIFEST).read_text(encoding="utf-8")
 
 
-def manifest_text(platform: str, wheels: list[str], files: list[Path]) -> str:
-    """Return the manifest of one zip: the checked-in one with wheels, platform and exact list of files."""
-    top, permissions, _ = re.split(r"^\[(?:permissions|build)\]\n", manifest_source(), flags=re.MULTILINE)
-    lines = [top]
-    if wheels:
-        lines += [f'platforms = ["{platform}"]', "wheels = [", *(f'    "./wheels/{name}",' for name in wheels), "]", ""]
-    lines += ["[permissions]", permissions]
-    lines += ["[build]", "paths = [", *(f'    "{path.as_posix()}",' for path in files), "]"]
-    return "\n".join(lines) + "\n"
+def manifest_text(platform: str, wheels: list[str]) -> str:
+    """Return the manifest of one zip: the checked-in one with platform and wheels."""
+    if not wheels:
+        return manifest_source()
+    lines = [f'platforms = ["{platform}"]', "wheels = [", *(f'    "./wheels/{name}",' for name in wheels), "]"]
+    top, first_table, tables = manifest_source().partition("\n[permissions]\n")
+    return "\n".join([top, *lines, first_table + tables])
 
 
 def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
-    """Copy the package into an empty folder with the manifest of its zip; every file gets one date and mode."""
+    """Copy the package into an empty folder with the manifest of its zip."""
     shutil.rmtree(folder, ignore_errors=True)
-    files = package_files()
-    for path in files:
+    for path in package_files():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, folder / path)
     (folder / "wheels").mkdir()
     for wheel in wheels:
         shutil.copyfile(wheel, folder / "wheels" / wheel.name)
-    (folder / MANIFEST).write_text(manifest_text(platform, [wheel.name for wheel in wheels], files), encoding="utf-8")
-    for path in folder.rglob("*"):
-        path.chmod(0o755 if path.is_dir() else 0o644)
-        os.utime(path, (DATE, DATE))
+    (folder / MANIFEST).write_text(manifest_text(platform, [wheel.name for wheel in wheels]), encoding="utf-8")
+
+
+def settle(path: Path) -> None:
+    """Pack a zip anew, so that neither dates nor the order of a folder's files show in it."""
+    draft = path.with_suffix(".draft")
+    with zipfile.ZipFile(path) as built, zipfile.ZipFile(draft, "w", compresslevel=9) as settled:
+        for name in sorted(built.namelist(), key=lambda name: (name != MANIFEST, name)):
+            entry = zipfile.ZipInfo(name, date_time=DATE)
+            entry.compress_type = built.getinfo(name).compress_type
+            entry.external_attr = 0o644 << 16
+            entry.create_system = 3
+            settled.writestr(entry, built.read(name))
+    draft.replace(path)
 
 
 def blender_extension_tool() -> Path:
@@ -89,10 +88,8 @@ def blender_extension_tool() -> Path:
 
 
 def run_tool(*arguments: str) -> None:
-    # The zip holds local times.
-    environment = {**os.environ, "TZ": "UTC"}
     command = [sys.executable, "-I", str(blender_extension_tool()), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
         raise BuildError(f"Blender's `extension {arguments[0]}` failed:\n{done.stdout}{done.stderr}")
 
@@ -116,6 +113,7 @@ def build(platform: str) -> Path:
     target = zip_path(platform)
     target.parent.mkdir(parents=True, exist_ok=True)
     run_tool("build", "--source-dir", str(staging), "--output-filepath", str(target))
+    settle(target)
     run_tool("validate", str(target))
     shutil.rmtree(staging)
     return target

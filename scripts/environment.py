@@ -10,11 +10,11 @@ Nothing is done, in a few milliseconds, when the environment was made from the s
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import subprocess
 import sys
+import tomllib
 import venv
 from pathlib import Path
 
@@ -34,32 +34,36 @@ def python_of(folder: Path) -> Path:
 
 def recipe(requirements: list[Path], editable: bool) -> dict[str, object]:
     """Everything that decides what is installed; equal recipes give equal environments."""
-    files = [*requirements, *([CHECKOUT / "pyproject.toml"] if editable else [])]
+    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))
     return {
         "python": sys.version,
-        "checkout": str(CHECKOUT) if editable else None,
-        "files": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        "requirements": {path.name: path.read_text(encoding="utf-8") for path in requirements},
+        "checkout": [str(CHECKOUT), project["project"], project["tool"]["setuptools"]] if editable else None,
     }
 
 
-def is_fresh(folder: Path, wanted: dict[str, object]) -> bool:
+def recipe_of(folder: Path) -> dict[str, object]:
+    """Return the recipe that an environment was made by, empty where there is none or it is broken."""
     try:
-        return bool(json.loads((folder / STAMP).read_text()) == wanted) and python_of(folder).exists()
+        made_by = json.loads((folder / STAMP).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False
+        return {}
+    return dict(made_by) if python_of(folder).exists() else {}
 
 
-def install(folder: Path, requirements: list[Path], editable: bool) -> None:
-    """Create the environment anew; pip resolves all files at once, so that a conflict is an error."""
-    venv.EnvBuilder(clear=True, with_pip=True, symlinks=os.name != "nt").create(folder)
-    python = str(python_of(folder))
-    pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
-    arguments = [argument for path in requirements for argument in ("--requirement", str(path))]
-    subprocess.run([*pip, *arguments], check=True)
-    if editable:
-        subprocess.run(
-            [*pip, "--no-deps", "--no-build-isolation", "--editable", str(CHECKOUT)], check=True, cwd=CHECKOUT
-        )
+def make(folder: Path, requirements: list[Path], wanted: dict[str, object]) -> None:
+    """Bring an environment from the recipe it has to the one that is wanted."""
+    present = recipe_of(folder)
+    (folder / STAMP).unlink(missing_ok=True)
+    if present.get("python") != wanted["python"]:
+        venv.EnvBuilder(clear=True, with_pip=True, symlinks=os.name != "nt").create(folder)
+    pip = [str(python_of(folder)), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
+    if present.get("requirements") != wanted["requirements"]:
+        # All files at once, so that a conflict between them is an error.
+        subprocess.run([*pip, *(f"--requirement={path}" for path in requirements)], check=True)
+    if wanted["checkout"] is not None:
+        subprocess.run([*pip, "--no-deps", "--no-build-isolation", f"--editable={CHECKOUT}"], check=True, cwd=CHECKOUT)
+    (folder / STAMP).write_text(json.dumps(wanted, indent=1), encoding="utf-8")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -71,15 +75,14 @@ def main(arguments: list[str] | None = None) -> int:
     names = [blender_for(sys.version_info[:2]) if name == "blender" else name for name in options.names]
     requirements = [REQUIREMENTS / f"{name}.txt" for name in names]
     wanted = recipe(requirements, options.editable)
-    if is_fresh(options.folder, wanted):
+    if recipe_of(options.folder) == wanted:
         return 0
     print(f"Setting up {options.folder} with Python {sys.version.split()[0]}: {', '.join(names)} ...", flush=True)
     try:
-        install(options.folder, requirements, options.editable)
+        make(options.folder, requirements, wanted)
     except subprocess.CalledProcessError as failure:
         print(f"Setting up {options.folder} failed: {' '.join(failure.cmd[2:])}", file=sys.stderr)
         return 1
-    (options.folder / STAMP).write_text(json.dumps(wanted, indent=1))
     return 0
 
 

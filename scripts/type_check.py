@@ -20,7 +20,7 @@ def main() -> int:
     if not link.exists():
         link.symlink_to(CHECKOUT, target_is_directory=True)
     packages = [name for name in ("solver", "operators", "ui") if any((CHECKOUT / name).glob("*.py"))]
-    modules = [path.stem for path in (CHECKOUT / "cli.py", CHECKOUT / "__main__.py") if path.exists()]
+    modules = sorted(path.stem for path in CHECKOUT.glob("*.py") if path.stem != "__init__")
     arguments = [
         *(argument for name in packages for argument in ("-p", f"sparse_surface.{name}")),
         *(argument for name in modules for argument in ("-m", f"sparse_surface.{name}")),
