@@ -13,6 +13,12 @@ from numpy.typing import NDArray
 from .mesh import TriangleMesh
 from .patches import Patches
 
+DEPTH_POWER = 1.5
+"""Weights fall a little faster than the distance to the rim, where patches are at their worst."""
+
+HIDING = 1000.0
+"""Weight of a patch relative to one of the level below."""
+
 PLATEAU = 0.05
 """Share of weight that a patch's fit gives to points which blending ignores."""
 
@@ -25,11 +31,15 @@ def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray
     mesh, patches
         The cover.
     kind
-        "partition": hop distance to the rim, divided by its sum over the patches; zero at vertices that pass through.
+        "partition": hop distance to the rim to the power of 1.5, divided by its sum over the patches; patches of a
+        finer level weigh a thousand times as much as those they lie over.
         "uniform": 1 / n_p with n_p the number of patches that contain the vertex (eq. 6).
+        Either is zero at vertices that pass through.
     """
     passed = patches.passed_through[patches.vertices]
-    raw = np.where(passed, 0.0, patches.rim_distance if kind == "partition" else 1.0).astype(np.float64)
+    depth = patches.rim_distance.astype(np.float64)
+    shape = depth**DEPTH_POWER * HIDING ** patches.levels[patches.vertex_patch] if kind == "partition" else 1.0
+    raw = np.where(passed, 0.0, shape)
     total = np.bincount(patches.vertices, weights=raw, minlength=len(mesh.vertices))
     return np.divide(raw, total[patches.vertices], out=np.zeros_like(raw), where=raw > 0.0)
 

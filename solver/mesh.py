@@ -44,6 +44,8 @@ class TriangleMesh:
         Input face of each triangle, (T,).
     polygon_count
         Number of input faces; one that has no area may have no triangle.
+    face_offsets, face_corners
+        The input faces: face `f` has the vertices `face_corners[face_offsets[f]:face_offsets[f + 1]]`.
     nodes
         Node of each triangle corner, (T, 3).  Node `v` < V belongs to vertex `v`; further nodes are made by cuts.
     node_vertex
@@ -76,6 +78,8 @@ class TriangleMesh:
     triangles: Integers
     polygon: Integers
     polygon_count: int
+    face_offsets: Integers
+    face_corners: Integers
     nodes: Integers
     node_vertex: Integers
     triangle_edges: Integers
@@ -177,7 +181,7 @@ def build_mesh(
     else:
         triples, polygon = _checked_triangulation(triangles, len(points), len(offsets) - 1)
     _refuse_without_area(points, triples)
-    return _with_topology(points, triples, polygon, len(offsets) - 1)
+    return _with_topology(points, triples, polygon, offsets, corners)
 
 
 def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
@@ -272,7 +276,9 @@ def _refuse_without_area(points: Floats, triangles: Integers) -> None:
 # ---------------------------------------------------------------------------------------------------------- topology
 
 
-def _with_topology(points: Floats, triangles: Integers, polygon: Integers, polygon_count: int) -> TriangleMesh:
+def _with_topology(
+    points: Floats, triangles: Integers, polygon: Integers, face_offsets: Integers, face_corners: Integers
+) -> TriangleMesh:
     following = np.roll(triangles, -1, axis=1)
     collapsed = (triangles == following).any(axis=1)
     joined, crowded = _join_sides(points, triangles, following, ~collapsed)
@@ -297,7 +303,9 @@ def _with_topology(points: Floats, triangles: Integers, polygon: Integers, polyg
         vertices=points,
         triangles=triangles,
         polygon=polygon,
-        polygon_count=polygon_count,
+        polygon_count=len(face_offsets) - 1,
+        face_offsets=face_offsets,
+        face_corners=face_corners,
         nodes=nodes,
         node_vertex=node_vertex,
         triangle_edges=triangle_edges,

@@ -7,22 +7,10 @@ from numpy.typing import NDArray
 
 from .domain_energy import DomainEnergy, determinant
 from .representation import Representation
+from .sampling import SURFACE_SAMPLES
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-_NEAR, _FAR = 0.091576213509771, 0.445948490915965
-SURFACE_SAMPLES = np.array(
-    [
-        [1 - 2 * _NEAR, _NEAR, _NEAR],
-        [_NEAR, 1 - 2 * _NEAR, _NEAR],
-        [_NEAR, _NEAR, 1 - 2 * _NEAR],
-        [1 - 2 * _FAR, _FAR, _FAR],
-        [_FAR, 1 - 2 * _FAR, _FAR],
-        [_FAR, _FAR, 1 - 2 * _FAR],
-    ]
-)
-"""The six fixed interior points of every triangle (Dunavant's rule of degree 4)."""
 
 EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
 """Where the jump across a patch's rim is measured along an edge."""
@@ -40,13 +28,13 @@ def statistics(error: Array) -> dict[str, float]:
     }
 
 
-def surface_error(representation: Representation) -> Array:
-    """|S(x) - x| at the six interior points of every triangle, (T, 6)."""
-    count = len(representation.triangles)
-    face = np.repeat(np.arange(count), len(SURFACE_SAMPLES))
-    corners = np.tile(SURFACE_SAMPLES, (count, 1))
-    flat = np.einsum("sk,tkd->tsd", SURFACE_SAMPLES, representation.vertices[representation.triangles])
-    points = representation.evaluate(face, corners).reshape(count, len(SURFACE_SAMPLES), 3)
+def surface_error(representation: Representation, triangles: Indices | None = None) -> Array:
+    """|S(x) - x| at the six interior points of every triangle, (T, 6), or of the `triangles` named."""
+    asked = np.arange(len(representation.triangles)) if triangles is None else triangles
+    face = np.repeat(asked, len(SURFACE_SAMPLES))
+    corners = np.tile(SURFACE_SAMPLES, (len(asked), 1))
+    flat = np.einsum("sk,tkd->tsd", SURFACE_SAMPLES, representation.vertices[representation.triangles[asked]])
+    points = representation.evaluate(face, corners).reshape(flat.shape)
     distance: Array = np.linalg.norm(points - flat, axis=2)
     return distance
 

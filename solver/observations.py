@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .mesh import TriangleMesh
 from .patches import Patches
+from .sampling import SURFACE_SAMPLES
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -22,8 +23,10 @@ ANY_DEGREE = 30
 SMALL_PATCH = 100
 SMALL_PATCH_DEGREE = 7
 CENTROID_WEIGHT = 0.5
-SMALL_PATCH_CENTROID_WEIGHT = 1.5
+SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
+
+CENTROID = np.full((1, 3), 1.0 / 3.0)
 
 
 @dataclass(frozen=True)
@@ -75,34 +78,65 @@ class Observations(Protocol):
 
 
 class MeshObservations:
-    """The vertices of a mesh, then the centroids of its triangles.
+    """The vertices of a mesh, then the centroids of its triangles, then six points inside the triangles of small patches.
 
-    Without the centroids the surface would oscillate between the vertices.
+    Without points inside the triangles the surface would oscillate between the vertices; small patches, which have almost
+    as many coefficients as vertices, need more of them.
     """
 
-    def __init__(self, mesh: TriangleMesh, patches: Patches, weights: Array, kind: str) -> None:
-        """Take a cover with its blending weights (M,) of a kind, "partition" or "uniform"."""
+    def __init__(
+        self, mesh: TriangleMesh, patches: Patches, blending: Array, kind: str, weights: Array | None = None
+    ) -> None:
+        """Gather the observations.
+
+        Parameters
+        ----------
+        mesh, patches
+            The cover.
+        blending
+            Blending weights of the patches, (M,).
+        kind
+            "partition" or "uniform".
+        weights
+            Weights of the vertices themselves, (V,); ones where None.
+        """
         self.patches, self.vertices = patches, mesh.vertices
-        self.points = np.concatenate([mesh.vertices, mesh.vertices[mesh.triangles].mean(axis=1)])
-        self._vertex_weights = weights
+        self._blending = blending
+        self._weights = weights
+        self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
+        inside = np.unique(patches.mesh_triangles[self._small[patches.triangle_patch]])
+        corners = mesh.vertices[mesh.triangles]
+        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[inside]).reshape(-1, 3)
+        self.points = np.concatenate([mesh.vertices, corners.mean(axis=1), dense])
+        self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
+        self._first_dense[inside] = len(mesh.vertices) + len(mesh.triangles) + 6 * np.arange(len(inside))
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 
     def of_patch(self, patch: int) -> PatchObservations:
-        """Observations of one patch: its vertices, then the centroids of its triangles."""
+        """Observations of one patch: its vertices, then the points inside its triangles."""
         vertices = slice(*self.patches.vertex_offsets[patch : patch + 2])
         faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
         triangles, mesh_triangles = self.patches.triangles[faces], self.patches.mesh_triangles[faces]
         count = vertices.stop - vertices.start
-        small = count < SMALL_PATCH
-        centroid_weight = SMALL_PATCH_CENTROID_WEIGHT if small else CENTROID_WEIGHT
-        at_vertices = self._vertex_weights[vertices]
-        inside = at_vertices[triangles].mean(axis=1) if self._overlap is None else 1.0 / self._overlap[mesh_triangles]
+        small = bool(self._small[patch])
+        samples = SURFACE_SAMPLES if small else CENTROID
+        weight = SMALL_PATCH_INSIDE_WEIGHT if small else CENTROID_WEIGHT
+        first = self._first_dense[mesh_triangles] if small else len(self.vertices) + mesh_triangles
+        inside = (first[:, None] + np.arange(len(samples))).ravel()
+        corners = np.concatenate([np.repeat(np.arange(count), 3).reshape(-1, 3), np.repeat(triangles, len(samples), axis=0)])
+        shares = np.concatenate([np.tile([1.0, 0.0, 0.0], (count, 1)), np.tile(samples, (len(triangles), 1))])
+        own = np.concatenate([np.ones(count), np.full(len(inside), weight / len(samples))])
+        if self._weights is not None:
+            own *= (self._weights[self.patches.vertices[vertices]][corners] * shares).sum(axis=1)
+        blending = (self._blending[vertices][corners] * shares).sum(axis=1)
+        if self._overlap is not None:
+            blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
         return PatchObservations(
-            np.concatenate([self.patches.vertices[vertices], len(self.vertices) + mesh_triangles]),
-            np.concatenate([np.repeat(np.arange(count), 3).reshape(-1, 3), triangles]),
-            np.concatenate([np.tile([1.0, 0.0, 0.0], (count, 1)), np.full((len(triangles), 3), 1.0 / 3.0)]),
-            np.concatenate([np.ones(count), np.full(len(triangles), centroid_weight)]),
-            np.concatenate([at_vertices, inside]),
+            np.concatenate([self.patches.vertices[vertices], inside]),
+            corners,
+            shares,
+            own,
+            blending,
             SMALL_PATCH_DEGREE if small else ANY_DEGREE,
         )

@@ -8,7 +8,7 @@ the hole's.  Everything is done for all patches at once; a patch never gets a Py
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,8 @@ class Patches:
         vertices that are passed through.  An open border of the mesh is no rim.  A patch without a rim has a constant.
     passed_through
         Vertices that no patch holds off its rim, (V,).
+    levels
+        How often the surface had to be refined where the patch lies, (K,): finer patches hide coarser ones.
     """
 
     centres: Integers
@@ -59,6 +61,7 @@ class Patches:
     mesh_triangles: Integers
     rim_distance: Integers
     passed_through: Booleans
+    levels: Integers
 
     def __len__(self) -> int:
         return len(self.centres)
@@ -94,7 +97,14 @@ class Patches:
             mesh_triangles=self.mesh_triangles[triangle_rows],
             rim_distance=self.rim_distance[vertex_rows],
             passed_through=self.passed_through,
+            levels=self.levels[chosen],
         )
+
+    def passing(self, vertices: Booleans) -> Patches:
+        """Return the patches with further vertices (V,) passed through."""
+        passed = self.passed_through | vertices
+        distance = np.where(passed[self.vertices], 0, self.rim_distance)
+        return replace(self, passed_through=passed, rim_distance=distance)
 
 
 def build_patches(mesh: TriangleMesh, centres: Integers, ring: int) -> Patches:
@@ -112,7 +122,7 @@ def build_patches(mesh: TriangleMesh, centres: Integers, ring: int) -> Patches:
     """
     wanted = ~mesh.passed_through[mesh.node_vertex]
     disks = _cover_with_disks(mesh, centres, ring, wanted)
-    return _assemble(mesh, disks, _unheld(mesh, disks))
+    return _assemble(mesh, disks, _unheld(mesh, disks), 0)
 
 
 def refine_patches(
@@ -140,8 +150,31 @@ def refine_patches(
     wanted = (old_depth > 0) & (depth < np.minimum(old_depth, max(ring // 2, 1)))
     disks = _cover_with_disks(mesh, build_cover(mesh, ring, wanted), ring, wanted)
     unheld = patches.passed_through | _unheld(mesh, disks, depth > 0)
-    new = _assemble(mesh, disks, unheld)
+    new = _assemble(mesh, disks, unheld, 0)
     return _concatenate(kept, new, unheld), np.arange(len(kept) + len(new)) >= len(kept)
+
+
+def overlay_patches(mesh: TriangleMesh, patches: Patches, wanted: Booleans, ring: int, level: int) -> Patches:
+    """Lay finer patches over a part of the surface; the patches below stay.
+
+    Parameters
+    ----------
+    wanted
+        Vertices that the finer patches must hold off their rims, (V,).
+    ring
+        Largest radius of the new patches, in edges.
+    level
+        Level of the new patches; above those of `patches`, they hide what lies below.
+
+    Returns
+    -------
+    The patches with the new ones behind them.
+    """
+    nodes = (wanted & ~patches.passed_through)[mesh.node_vertex] & mesh.used
+    if not nodes.any():
+        return patches
+    disks = _cover_with_disks(mesh, build_cover(mesh, ring, nodes), ring, nodes)
+    return _concatenate(patches, _assemble(mesh, disks, patches.passed_through, level), patches.passed_through)
 
 
 def _cover_with_disks(mesh: TriangleMesh, centres: Integers, ring: int, wanted: Booleans) -> Disks:
@@ -205,7 +238,7 @@ class _Local:
 # --------------------------------------------------------------------------------------------------------- assembling
 
 
-def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans) -> Patches:
+def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
     pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in row_chunks(disks.members)]
     nodes, sizes, triangles, mesh_triangles, rim_distance = (
         (np.concatenate(part) for part in zip(*pieces, strict=True)) if pieces else _nothing()
@@ -221,6 +254,7 @@ def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans) -> Pat
         mesh_triangles=mesh_triangles,
         rim_distance=rim_distance,
         passed_through=passed_through,
+        levels=np.full(len(disks.rings), level, dtype=np.int64),
     )
 
 
@@ -309,4 +343,5 @@ def _concatenate(one: Patches, two: Patches, passed_through: Booleans) -> Patche
         mesh_triangles=both("mesh_triangles"),
         rim_distance=both("rim_distance"),
         passed_through=passed_through,
+        levels=both("levels"),
     )

@@ -12,20 +12,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .adaptive import with_domains
+from .assembly import channels_of
 from .blending import blending_weights
 from .consistency import Blend, sweep
 from .cover import build_cover
-from .execution import run_chunks
-from .initial_domains import initial_domains
-from .mesh import TriangleMesh, _checked_faces, build_mesh
+from .errors import InputError
+from .execution import Crew, crew_for
+from .mesh import TriangleMesh, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
 from .observations import MeshObservations
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
-from .patches import Patches, build_patches
-from .progress import FINISH, Progress, Steps, run_to_end
+from .patches import build_patches
+from .progress import FINISH, Progress, Steps, run_to_end, within
 from .representation import Representation
 from .settings import Settings
-from .system import peak_memory_mb
+from .tolerance import RefinedSurface, keep_tolerance
 from .version import VERSION
 
 Array = NDArray[np.float64]
@@ -139,35 +141,69 @@ def approximate_steps(
 ) -> Steps[Approximation]:
     """`approximate` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
     settings = (settings or Settings()).resolved()
-    watch = Stopwatch()
     source = np.asarray(vertices)
+    with crew_for(settings.workers, len(source) if source.ndim else 0, executor) as crew:
+        return (yield from _approximate(source, faces, settings, triangles, weights, crew))
+
+
+def _approximate(
+    source: NDArray[Any],
+    faces: ArrayLike | list[list[int]],
+    settings: Settings,
+    triangles: tuple[Indices, Indices] | None,
+    observation_weights: Array | None,
+    crew: Crew,
+) -> Steps[Approximation]:
+    watch = Stopwatch()
     stored = source.dtype if source.dtype.kind == "f" else np.dtype(np.float64)
     yield Progress("Reading the mesh", 0.0)
     with watch.stage("cover"):
         mesh = build_mesh(source, faces, triangles)
-    yield Progress("Covering with patches", 0.01)
-    with watch.stage("cover"):
+        mesh, observation_weights = _held_vertices(mesh, observation_weights, settings.pin_boundary)
         patches = build_patches(mesh, build_cover(mesh, settings.ring), settings.ring)
-        blend = blending_weights(mesh, patches, settings.blending)
-    yield Progress("Parameterising patches", 0.03, f"{len(patches)} patches")
+    yield Progress("Parameterising patches", 0.02, f"{len(patches)} patches")
     with watch.stage("domains"):
-        domains = initial_domains(mesh, patches, settings.initial_domain)
-    surface = Blend(MeshObservations(mesh, patches, blend, settings.blending))
+        patches, domains = with_domains(mesh, patches, settings)
+        blend = blending_weights(mesh, patches, settings.blending)
+    observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights)
+    surface = Blend(observations)
     with watch.stage("solve"):
-        fits, hurry = yield from solve_patches(surface, domains, settings, executor, len(mesh.vertices))
+        fits, hurry = yield from solve_patches(surface, domains, settings, crew, len(mesh.vertices))
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
-            yield from sweep_patches(surface, domains, fits, settings, executor, len(mesh.vertices))
-    representation = assemble(mesh, _checked_faces(faces, len(source)), patches, blend, fits, settings)
-    yield Progress("Blending", SWEEPS_END)
+            yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
+    refined = RefinedSurface(mesh, patches, blend, fits)
+    kept: dict[str, Any] | None = None
+    if settings.tolerance and settings.blending == "partition":
+        with watch.stage("refine"):
+            rounds = keep_tolerance(refined, settings, observation_weights, crew.run)
+            kept = yield from within(rounds, SWEEPS_END, 0.97)
+    representation = refined.representation(settings)
+    yield Progress("Blending", 0.97)
     with watch.stage("blend"):
         points = representation.at_vertices()
-    yield Progress("Measuring", 0.95, vertices=points)
-    return _result(mesh, patches, representation, points.astype(stored), fits, settings, watch)
+    yield Progress("Measuring", 0.98, vertices=points)
+    return _result(mesh, representation, points.astype(stored), refined.fits, settings, kept, crew, watch)
+
+
+def _held_vertices(
+    mesh: TriangleMesh, weights: ArrayLike | None, pin_boundary: bool
+) -> tuple[TriangleMesh, Array | None]:
+    """Let vertices of weight zero, and those of open borders on request, pass through."""
+    held = np.zeros(len(mesh.vertices), dtype=bool)
+    checked = None
+    if weights is not None:
+        checked = np.asarray(weights, dtype=np.float64)
+        if checked.shape != held.shape or not ((checked >= 0.0) & (checked <= 1.0)).all():
+            raise InputError("The weights must be one number from 0 to 1 for each vertex.")
+        held |= checked == 0.0
+    if pin_boundary:
+        held[mesh.node_vertex[mesh.border]] = True
+    return replace(mesh, passed_through=mesh.passed_through | held), checked
 
 
 def solve_patches(
-    surface: Blend, domains: Array, settings: Settings, executor: Executor | None, shown: int
+    surface: Blend, domains: Array, settings: Settings, crew: Crew, shown: int
 ) -> Steps[tuple[list[PatchFit], bool]]:
     """Fit every patch by itself; returns the fits and whether the rest was hurried on request.
 
@@ -180,11 +216,11 @@ def solve_patches(
     state = {"hurry": False}
 
     def tasks() -> Iterator[ChunkTask]:
-        for chunk in chunk_patches(patches, np.arange(count), _channels(settings)):
+        for chunk in chunk_patches(patches, np.arange(count), channels_of(settings)):
             yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
     done = 0
-    for task, fitted in run_chunks(tasks(), executor):
+    for task, fitted in crew.run(tasks()):
         for patch, fit in zip(task.patches, fitted, strict=True):
             fits[patch] = fit
             surface.add(int(patch), fit)
@@ -196,13 +232,13 @@ def solve_patches(
 
 
 def sweep_patches(
-    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, executor: Executor | None, shown: int
+    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, crew: Crew, shown: int
 ) -> Steps[None]:
     """Make the patches consistent; changes `fits`."""
     total = settings.sweeps * len(fits)
     done = 0
     for number in range(settings.sweeps):
-        for count in sweep(surface, domains, fits, settings, lambda tasks: run_chunks(tasks, executor)):
+        for count in sweep(surface, domains, fits, settings, crew.run):
             done += count
             share = SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * done / total
             request = yield Progress("Blending patches", share, f"sweep {number + 1}", surface.preview(shown))
@@ -210,61 +246,14 @@ def sweep_patches(
                 return
 
 
-def _channels(settings: Settings) -> int:
-    """Number of domains that a patch has."""
-    return 3 if settings.domains == "separate" else 1
-
-
-def assemble(
-    mesh: TriangleMesh,
-    polygons: tuple[Indices, Indices],
-    patches: Patches,
-    weights: Array,
-    fits: list[PatchFit],
-    settings: Settings,
-) -> Representation:
-    """Put the fitted patches together."""
-    channels = _channels(settings)
-    sparsity = max((fit.support.shape[1] for fit in fits), default=0)
-
-    def joined(arrays: list[Array]) -> Array:
-        return np.concatenate(arrays, axis=1) if arrays else np.zeros((channels, 0, 2))
-
-    def padded(arrays: list[NDArray[Any]], filler: int) -> NDArray[Any]:
-        wide = [np.pad(a, ((0, 0), (0, sparsity - a.shape[1])), constant_values=filler) for a in arrays]
-        return np.stack(wide) if wide else np.zeros((0, 3, 0))
-
-    return Representation(
-        vertices=mesh.vertices,
-        triangles=mesh.triangles,
-        polygon=mesh.polygon,
-        face_offsets=polygons[1],
-        face_corners=polygons[0],
-        vertex_offsets=patches.vertex_offsets,
-        patch_vertices=patches.vertices,
-        triangle_offsets=patches.triangle_offsets,
-        patch_triangles=patches.triangles,
-        mesh_triangles=patches.mesh_triangles,
-        domains=joined([fit.domain for fit in fits]),
-        initial_domains=joined([fit.initial_domain for fit in fits]),
-        weights=weights,
-        blending=settings.blending,
-        origins=np.array([np.concatenate([f.origin for f in fit.frames]) for fit in fits]).reshape(-1, 3),
-        scales=np.array([[f.scale for f in fit.frames] for fit in fits]).reshape(-1, channels),
-        basis=settings.basis,
-        degree=settings.degree,
-        support=padded([fit.support for fit in fits], -1).astype(np.int64),
-        coefficients=padded([fit.coefficients for fit in fits], 0).astype(np.float64),
-    )
-
-
 def _result(
     mesh: TriangleMesh,
-    patches: Patches,
     representation: Representation,
     points: NDArray[Any],
     fits: list[PatchFit],
     settings: Settings,
+    kept: dict[str, Any] | None,
+    crew: Crew,
     watch: Stopwatch,
 ) -> Approximation:
     with watch.stage("measure"):
@@ -273,7 +262,7 @@ def _result(
         on_surface = surface_error(representation)
         size = float(np.ptp(mesh.vertices[np.unique(mesh.triangles)], axis=0).max())
         vertex_error, inside = statistics(error), statistics(on_surface.ravel())
-        covered = np.bincount(patches.vertices, weights=representation.weights, minlength=len(error)) > 0.0
+        covered = np.bincount(representation.patch_vertices, weights=representation.weights, minlength=len(error)) > 0.0
         measures = {
             "patches": representation.patches,
             "flipped_triangles": flipped_triangles(jacobians, area),
@@ -291,7 +280,7 @@ def _result(
             "energy": [float(e) for e in np.sum([fit.energy for fit in fits], axis=0)] if fits else [],
         }
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
-    seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "blend", "measure")}
+    seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")}
     report = {
         "version": VERSION,
         "method": settings.method,
@@ -304,9 +293,10 @@ def _result(
             "bounding_box_longest_side": size,
         },
         **measures,
+        **({} if kept is None else {"tolerance": {**kept, "achieved": max(vertex_error["max"], inside["max"])}}),
         "seconds": {**seconds, "total": watch.total()},
-        "peak_memory_mb": peak_memory_mb(),
-        "workers": max(settings.workers, 1),
+        "peak_memory_mb": crew.peak_memory_mb(),
+        "workers": crew.workers,
     }
     return Approximation(points, error, _strongest_patch(representation), stretch, report, representation)
 
