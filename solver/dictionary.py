@@ -66,18 +66,18 @@ class Dictionary:
             Shape (..., t + 1, N).
         """
         x = parameter / LEGENDRE_SUPPORT if self.basis == "legendre" else parameter
-        table = np.empty((*x.shape[:-1], self.degree + 1, x.shape[-1]))
-        table[..., 0, :] = 1.0
+        # The degree comes first in memory: every step of the recursion runs over one contiguous piece.
+        table = np.empty((self.degree + 1, *x.shape))
+        table[0] = 1.0
         if self.degree >= 1:
-            table[..., 1, :] = x
+            table[1] = x
         for k in range(1, self.degree):
-            following = table[..., k + 1, :]
-            np.multiply(x, table[..., k, :], out=following)
+            np.multiply(x, table[k], out=table[k + 1])
             if self.basis == "legendre":
                 # Bonnet's recursion
-                following *= (2 * k + 1) / (k + 1)
-                following -= (k / (k + 1)) * table[..., k - 1, :]
-        return table
+                table[k + 1] *= (2 * k + 1) / (k + 1)
+                table[k + 1] -= k / (k + 1) * table[k - 1]
+        return np.moveaxis(table, 0, -2)
 
     def derivative_tables(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
         """First derivatives of the one-variable polynomials, from their values.

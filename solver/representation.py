@@ -7,6 +7,7 @@ blending weights linearly.  Where no patch has weight the input itself shows thr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +20,14 @@ from .errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-POINTS_AT_ONCE = 4096
+POINTS_AT_ONCE = 2048
+"""Points that a patch evaluates together; their tables stay in a processor's cache."""
+
+ROUNDING = 1e-12
+"""What weights may miss a sum of one by."""
+
+SLACK = 1e-4
+"""What barycentric coordinates may be off by; single precision computes them to 1e-7."""
 
 
 @dataclass(frozen=True)
@@ -85,22 +93,47 @@ class Representation:
 
     @cached_property
     def corners(self) -> Indices:
-        """Patch vertices, counted over all patches, at the corners of the patch triangles, (S, 3)."""
+        """Patch vertices, counted over all patches, at the corners of the patch triangles, (S, 3).
+
+        In the order of the mesh triangle's corners: a patch turns triangles that are wound against its orientation.
+        """
         counts = np.diff(self.triangle_offsets)
-        return self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
+        own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
+        wanted = self.triangles[self.mesh_triangles]
+        place = (self.patch_vertices[own][:, None, :] == wanted[:, :, None]).argmax(axis=2)
+        return np.take_along_axis(own, place, axis=1)
 
     @cached_property
-    def _patch_of_triangle(self) -> Indices:
+    def patch_of_triangle(self) -> Indices:
         """Patch of each patch triangle, (S,)."""
         return np.repeat(np.arange(self.patches), np.diff(self.triangle_offsets))
 
     @cached_property
-    def _pieces(self) -> tuple[Indices, Indices]:
-        """Patch triangles that have weight, sorted by mesh triangle, and where each mesh triangle's begin (T + 1,)."""
-        with_weight = np.flatnonzero(self.weights[self.corners].max(axis=1, initial=0.0) > 0.0)
-        order = with_weight[np.argsort(self.mesh_triangles[with_weight], kind="stable")]
-        counts = np.bincount(self.mesh_triangles[order], minlength=len(self.triangles))
-        return order, np.concatenate([[0], np.cumsum(counts)])
+    def corner_weights(self) -> Array:
+        """Blending weight of each patch triangle's patch at its corners, (S, 3): phi_k is linear between them.
+
+        With uniform blending each triangle averages the patches that hold it, whatever other patches hold its corners.
+        """
+        weights = self.weights[self.corners]
+        if self.blending == "uniform":
+            holders = np.bincount(self.mesh_triangles, minlength=len(self.triangles))
+            weights = (weights > 0.0) / holders[self.mesh_triangles, None]
+        return weights
+
+    @cached_property
+    def _corner_table(self) -> tuple[Array, Array]:
+        """`corner_weights` and domains of the patch triangles with the points last, (3, S) and (3, 2, C, S)."""
+        domains = self.domains[:, self.corners].transpose(2, 3, 0, 1)
+        return np.ascontiguousarray(self.corner_weights.T), np.ascontiguousarray(domains)
+
+    @cached_property
+    def input_weights(self) -> Array:
+        """Weight with which the input itself shows through at the triangles' corners, (T, 3): what the patches leave."""
+        count = len(self.triangles)
+        columns = [np.bincount(self.mesh_triangles, weights=w, minlength=count) for w in self.corner_weights.T]
+        left = 1.0 - np.stack(columns, axis=1)
+        left[left < ROUNDING] = 0.0
+        return left
 
     @cached_property
     def _grids(self) -> Array:
@@ -122,26 +155,12 @@ class Representation:
         ndarray
             Points in scene units, (N, 3).
         """
-        u, v = self._tables(domain)
-        values = combine(self._grids[patch], u, v) / self._scale(patch)
-        points: Array = values.T + self.origins[patch]
-        return points
+        u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
+        return self._combined(patch, u, v).T + self.origins[patch]
 
-    def patch_gradients(self, patch: int, domain: Array) -> Array:
-        """Derivatives of one patch's functions along u and v of its frame, (2, N, 3); parameters (C, N, 2)."""
-        u, v = self._tables(domain)
-        grid = self._grids[patch]
-        slopes = combine(grid, self.dictionary.derivative_tables(u), v), combine(
-            grid, u, self.dictionary.derivative_tables(v)
-        )
-        return np.stack([(slope / self._scale(patch)).T for slope in slopes])
-
-    def _tables(self, domain: Array) -> tuple[Array, Array]:
-        parameters = np.moveaxis(domain, -1, 0)
-        return self.dictionary.tables(parameters[0]), self.dictionary.tables(parameters[1])
-
-    def _scale(self, patch: int) -> Array:
-        return self.scales[patch][:, None]
+    def _combined(self, patch: int, u: Array, v: Array) -> Array:
+        """A patch's functions, without their origin, from values or derivatives of the polynomials in u and v, (3, N)."""
+        return combine(self._grids[patch], u, v) / self.scales[patch][:, None]
 
     def at_patch_vertices(self) -> Array:
         """Each patch's own value at each of its vertices, before blending, (M, 3)."""
@@ -160,7 +179,7 @@ class Representation:
         size = len(self.vertices)
         total = np.bincount(self.patch_vertices, weights=self.weights, minlength=size)
         rest = np.maximum(1.0 - total, 0.0)
-        rest[rest < 1e-12] = 0.0
+        rest[rest < ROUNDING] = 0.0
         weighted = values * self.weights[:, None]
         sums = [np.bincount(self.patch_vertices, weights=column, minlength=size) for column in weighted.T]
         points: Array = np.stack(sums, axis=1) + rest[:, None] * self.vertices
@@ -188,10 +207,10 @@ class Representation:
         InputError
             When a triangle does not exist or the arrays do not fit.
         """
-        return self._evaluate(face_index, barycentric, derivatives=False)[0]
+        return self._evaluate(face_index, barycentric, tangents=False)[:, 0]
 
     def evaluate_with_tangents(self, face_index: Indices, barycentric: Array) -> tuple[Array, Array]:
-        """Evaluate the surface and its first derivatives.
+        """Evaluate the surface and its first derivatives; parameters and errors as in `evaluate`.
 
         Returns
         -------
@@ -200,7 +219,8 @@ class Representation:
         tangents
             Derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (N, 2, 3), scene units.
         """
-        return self._evaluate(face_index, barycentric, derivatives=True)
+        result = self._evaluate(face_index, barycentric, tangents=True)
+        return result[:, 0], result[:, 1:]
 
     def normals(self, face_index: Indices, barycentric: Array) -> Array:
         """Unit normals of the surface, (N, 3); zero where the surface has no tangent plane."""
@@ -209,73 +229,92 @@ class Representation:
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
 
-    def _evaluate(self, face_index: Indices, barycentric: Array, derivatives: bool) -> tuple[Array, Array]:
-        face, corners = _checked_queries(face_index, barycentric, len(self.triangles))
-        total = np.zeros(len(face))
-        points = np.zeros((len(face), 3))
-        # derivatives along the three barycentric coordinates, and those of the weights' sum
-        slopes = np.zeros((len(face), 3, 3)) if derivatives else np.zeros((0, 3, 3))
-        total_slope = np.zeros((len(face), 3))
-        for patch, query, triangle in self._pairs(face):
-            at = self.corners[triangle]
-            weight = self.weights[at] if self.blending == "partition" else np.ones((len(at), 3))
-            blend = (weight * corners[query]).sum(axis=1)
-            corner_domain = self.domains[:, at]
-            domain = np.einsum("cnkx,nk->cnx", corner_domain, corners[query])
-            value = self.patch_values(patch, domain)
-            points[query] += blend[:, None] * value
-            total[query] += blend
-            if derivatives:
-                gradient = self.patch_gradients(patch, domain)
-                corner_domain = np.broadcast_to(corner_domain, (3, *corner_domain.shape[1:]))
-                along = np.einsum("xnd,dnkx->nkd", gradient, corner_domain)
-                slopes[query] += weight[:, :, None] * value[:, None] + blend[:, None, None] * along
-                total_slope[query] += weight
-        return self._blended(face, corners, points, total, slopes, total_slope)
+    def _evaluate(self, face_index: Indices, barycentric: Array, tangents: bool) -> Array:
+        """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
 
-    def _blended(
-        self, face: Indices, corners: Array, points: Array, total: Array, slopes: Array, total_slope: Array
-    ) -> tuple[Array, Array]:
-        """Divide by the weights' sum (uniform), or fill it up with the input itself (partition)."""
-        ends = self.vertices[self.triangles[face]]
-        flat = np.einsum("nk,nkd->nd", corners, ends)
-        if self.blending == "uniform":
-            covered = total > 0.0
-            scale = np.where(covered, total, 1.0)
-            points = np.where(covered[:, None], points / scale[:, None], flat)
-            if len(slopes):
-                quotient = (slopes - total_slope[:, :, None] * points[:, None]) / scale[:, None, None]
-                slopes = np.where(covered[:, None, None], quotient, ends)
-        else:
-            rest = 1.0 - total
-            rest[np.abs(rest) < 1e-12] = 0.0
-            points = points + rest[:, None] * flat
-            if len(slopes):
-                fading = np.where(rest[:, None] == 0.0, 0.0, 1.0 - total_slope)
-                slopes = slopes + rest[:, None, None] * ends + fading[:, :, None] * flat[:, None]
-        return points, slopes[:, 1:] - slopes[:, :1]
+        The points are sorted by triangle, so that each patch finds its own in runs.
+        """
+        face, inside = _checked_queries(face_index, barycentric, len(self.triangles))
+        order = np.argsort(face, kind="stable")
+        inside = np.stack([column[order] for column in inside.T])
+        sums = self._input_part(face[order], inside, tangents)
+        runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
+        for patch, points, triangle in self._portions(runs):
+            part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
+            for total, own in zip(sums, part, strict=True):
+                total[points] += own
+        result = np.empty((len(face), len(sums)))
+        result[order] = sums.T
+        return result.reshape(len(face), len(sums) // 3, 3)
 
-    def _pairs(self, face: Indices):  # type: ignore[no-untyped-def]
-        """Yield (patch, queries, patch triangles): which queries a patch answers, in handy portions."""
-        pieces, offsets = self._pieces
-        counts = offsets[face + 1] - offsets[face]
-        query = np.repeat(np.arange(len(face)), counts)
-        first = np.repeat(offsets[face] - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts)
-        triangle = pieces[first + np.arange(len(query))]
-        patch = self._patch_of_triangle[triangle]
-        order = np.argsort(patch, kind="stable")
-        query, triangle = query[order], triangle[order]
-        bounds = np.searchsorted(patch[order], np.arange(self.patches + 1))
-        for k in range(self.patches):
-            for start in range(bounds[k], bounds[k + 1], POINTS_AT_ONCE):
-                part = slice(start, min(start + POINTS_AT_ONCE, bounds[k + 1]))
-                yield k, query[part], triangle[part]
+    def _portions(self, runs: Indices) -> Iterator[tuple[int, Indices, Indices]]:
+        """Yield (patch, points, patch triangles): which points a patch holds, in handy portions.
+
+        Parameters
+        ----------
+        runs
+            The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
+        """
+        first, end = runs[self.mesh_triangles], runs[self.mesh_triangles + 1]
+        count = np.where(self.corner_weights.max(axis=1, initial=0.0) > 0.0, end - first, 0)
+        for patch in np.unique(self.patch_of_triangle[count > 0]):
+            triangles = np.arange(self.triangle_offsets[patch], self.triangle_offsets[patch + 1])
+            lengths = count[triangles]
+            ends = np.cumsum(lengths)
+            points = np.repeat(first[triangles] - (ends - lengths), lengths) + np.arange(ends[-1])
+            triangle = np.repeat(triangles, lengths)
+            for start in range(0, len(points), POINTS_AT_ONCE):
+                part = slice(start, start + POINTS_AT_ONCE)
+                yield int(patch), points[part], triangle[part]
+
+    def _patch_part(self, patch: int, triangle: Indices, inside: Array, tangents: bool) -> Array:
+        """A patch's part phi h of the surface at n points, (3, n), and with `tangents` of both tangents, (9, n).
+
+        Parameters
+        ----------
+        triangle
+            Patch triangle of each point, (n,).
+        inside
+            Barycentric coordinates, (3, n).
+        """
+        weights, ends = (table.take(triangle, axis=-1) for table in self._corner_table)
+        phi = inside[0] * weights[0] + inside[1] * weights[1] + inside[2] * weights[2]
+        u, v = self.dictionary.tables(inside[0] * ends[0] + inside[1] * ends[1] + inside[2] * ends[2])
+        value = self._combined(patch, u, v) + self.origins[patch][:, None]
+        parts = [phi * value]
+        if tangents:
+            along_u = self._combined(patch, self.dictionary.derivative_tables(u), v)
+            along_v = self._combined(patch, u, self.dictionary.derivative_tables(v))
+            for k in (1, 2):
+                edge = ends[k] - ends[0]
+                slope = along_u * edge[0] + along_v * edge[1]
+                parts.append((weights[k] - weights[0]) * value + phi * slope)
+        return np.concatenate(parts)
+
+    def _input_part(self, face: Indices, inside: Array, tangents: bool) -> Array:
+        """The same of the input itself, where it shows through, (3 or 9, N)."""
+        sums = np.zeros((9 if tangents else 3, len(face)))
+        shows = np.flatnonzero(self.input_weights.any(axis=1)[face])
+        if not len(shows):
+            return sums
+        corners = self.vertices[self.triangles[face[shows]]].transpose(1, 2, 0)
+        weights, inside = self.input_weights[face[shows]].T, inside[:, shows]
+        flat = (inside[:, None] * corners).sum(axis=0)
+        rest = (inside * weights).sum(axis=0)
+        parts = [rest * flat]
+        for k in (1, 2) if tangents else ():
+            parts.append((weights[k] - weights[0]) * flat + rest * (corners[k] - corners[0]))
+        sums[:, shows] = np.concatenate(parts)
+        return sums
 
 
 def _checked_queries(face_index: Indices, barycentric: Array, triangles: int) -> tuple[Indices, Array]:
-    face, corners = np.asarray(face_index), np.asarray(barycentric, dtype=np.float64)
-    if face.ndim != 1 or corners.shape != (len(face), 3):
+    face, inside = np.asarray(face_index), np.asarray(barycentric, dtype=np.float64)
+    if face.ndim != 1 or inside.shape != (len(face), 3):
         raise InputError("Evaluating needs N face numbers and an array of N x 3 barycentric coordinates.")
     if len(face) and (face.dtype.kind not in "iu" or face.min() < 0 or face.max() >= triangles):
         raise InputError(f"Face numbers must be whole numbers from 0 to {triangles - 1}.")
-    return face.astype(np.int64), corners
+    # written so that NaN is refused too
+    if len(face) and not (inside.min() >= -SLACK and abs(inside.sum(axis=1) - 1.0).max() <= SLACK):
+        raise InputError("Barycentric coordinates must be three numbers from 0 to 1 with the sum 1 for each point.")
+    return face.astype(np.int64), inside
