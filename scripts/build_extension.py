@@ -14,10 +14,12 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 import zipfile
 from pathlib import Path
+from platform import machine as machine_name
 
 from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
 
@@ -52,8 +54,7 @@ def manifest_text(platform: str, wheels: list[str]) -> str:
 
 
 def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
-    """Copy the package into an empty folder with the manifest of its zip."""
-    shutil.rmtree(folder, ignore_errors=True)
+    """Copy the package into a new folder with the manifest of its zip."""
     for path in package_files():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, folder / path)
@@ -94,12 +95,20 @@ def run_tool(*arguments: str) -> None:
         raise BuildError(f"Blender's `extension {arguments[0]}` failed:\n{done.stdout}{done.stderr}")
 
 
-def zip_path(platform: str) -> Path:
+def zip_name(platform: str) -> str:
     version = tomllib.loads(manifest_source())["version"]
-    return CHECKOUT / "dist" / f"sparse_surface-{version}-{platform.replace('-', '_')}.zip"
+    return f"sparse_surface-{version}-{platform.replace('-', '_')}.zip"
 
 
-def build(platform: str) -> Path:
+def this_platform() -> str:
+    """Return Blender's name of the platform that this runs on, where there are wheels for it."""
+    system = {"linux": "linux", "win32": "windows", "darwin": "macos"}.get(sys.platform, sys.platform)
+    machine = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}.get(machine_name().lower(), machine_name().lower())
+    name = f"{system}-{machine}"
+    return name if name in PLATFORMS else WITHOUT_WHEELS
+
+
+def build(platform: str, folder: Path) -> Path:
     """Build and validate one zip.
 
     Raises
@@ -108,15 +117,14 @@ def build(platform: str) -> Path:
         With the builder's or the validator's own words.
     """
     wheels = [] if platform == WITHOUT_WHEELS else fetch_platform(platform)
-    staging = CHECKOUT / "build" / "extension" / platform
-    stage(staging, platform, wheels)
-    target = zip_path(platform)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    run_tool("build", "--source-dir", str(staging), "--output-filepath", str(target))
-    settle(target)
-    run_tool("validate", str(target))
-    shutil.rmtree(staging)
-    return target
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".building_", dir=folder) as temporary:
+        stage(Path(temporary) / "package", platform, wheels)
+        draft = Path(temporary) / zip_name(platform)
+        run_tool("build", "--source-dir", str(Path(temporary) / "package"), "--output-filepath", str(draft))
+        settle(draft)
+        run_tool("validate", str(draft))
+        return draft.replace(folder / draft.name)
 
 
 def describe(path: Path) -> str:
@@ -126,18 +134,19 @@ def describe(path: Path) -> str:
     wheels = (
         f"{sum(name.endswith('.whl') for name in names)} wheels for {', '.join(pythons)}" if pythons else "no wheels"
     )
-    return f"{path.relative_to(CHECKOUT)}  {path.stat().st_size / 1e6:6.1f} MB  {len(names)} files, {wheels}, valid"
+    return f"{path}  {path.stat().st_size / 1e6:6.1f} MB  {len(names)} files, {wheels}, valid"
 
 
 def main(arguments: list[str] | None = None) -> int:
     kinds = [*PLATFORMS, WITHOUT_WHEELS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="*", choices=[[], *kinds], metavar="KIND", help=", ".join(kinds))
+    parser.add_argument("--output", type=Path, default=CHECKOUT / "dist", metavar="FOLDER", help="default: dist")
     options = parser.parse_args(arguments)
     start = time.perf_counter()
     try:
         for kind in options.kinds or kinds:
-            print(describe(build(kind)), flush=True)
+            print(describe(build(kind, options.output)), flush=True)
     except (BuildError, WheelError) as error:
         print(error, file=sys.stderr)
         return 1

@@ -1,0 +1,68 @@
+"""The zip as it arrives: installed, enabled, and with everything it brings."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+
+import addon_utils
+import bpy
+import numpy as np
+import pytest
+
+PACKAGE = "bl_ext.user_default.sparse_surface"
+
+
+def test_what_is_registered(extension):
+    assert hasattr(bpy.context.scene, "sparse_surface")
+    assert "approximate" in dir(bpy.ops.sparse_surface)
+    assert bpy.context.preferences.addons[PACKAGE].preferences is not None
+
+
+def test_installed_files_are_those_of_the_package(extension):
+    folder = Path(extension.__file__).parent
+    manifest = tomllib.loads((folder / "blender_manifest.toml").read_text(encoding="utf-8"))
+    assert manifest["id"] == "sparse_surface"
+    top = {path.name for path in folder.iterdir()} - {"__pycache__", "wheels"}
+    assert {"__init__.py", "__main__.py", "LICENSE", "blender_manifest.toml", "operators", "solver", "ui"} <= top
+    assert not top & {"tests", "scripts", "docs", "requirements", "Makefile", "pyproject.toml", ".ci"}
+
+
+def test_wheels_are_unpacked_where_blender_looks(extension, user_folder):
+    manifest = tomllib.loads((Path(extension.__file__).parent / "blender_manifest.toml").read_text(encoding="utf-8"))
+    if "wheels" not in manifest:
+        pytest.skip("this zip has no wheels")
+    unpacked = user_folder / "extensions" / ".local" / "lib"
+    for name in ("scipy", "sklearn", "joblib", "threadpoolctl"):
+        assert list(unpacked.glob(f"python*/site-packages/{name}")) or list(
+            unpacked.glob(f"python*/site-packages/{name}.py")
+        )
+    assert not list(unpacked.glob("python*/site-packages/numpy"))
+    wrong = "cp313" if sys.version_info < (3, 13) else "cp311"
+    assert not list(unpacked.glob(f"python*/site-packages/scipy/**/*{wrong.removeprefix('cp')}*.so"))
+
+
+def test_the_installed_solver_solves():
+    bpy.ops.mesh.primitive_torus_add(major_segments=48, minor_segments=16)
+    source = bpy.context.object
+    before = np.array([vertex.co for vertex in source.data.vertices])
+    bpy.context.scene.sparse_surface.workers = 1
+    assert bpy.ops.sparse_surface.approximate() == {"FINISHED"}
+    result = bpy.context.object
+    assert result.name == "Torus Sparse Surface"
+    after = np.array([vertex.co for vertex in result.data.vertices])
+    assert 0.0 < np.abs(after - before).max() < 0.02
+    assert np.array_equal(before, [vertex.co for vertex in source.data.vertices])
+
+
+def test_disabling_and_enabling_leaves_nothing_behind():
+    classes = {name for name in dir(bpy.types) if "sparse_surface" in name.lower()}
+    assert classes
+    addon_utils.disable(PACKAGE, default_set=True)
+    try:
+        assert not hasattr(bpy.types.Scene, "sparse_surface")
+        assert {name for name in dir(bpy.types) if "sparse_surface" in name.lower()} == set()
+    finally:
+        addon_utils.enable(PACKAGE, default_set=True)
+    assert {name for name in dir(bpy.types) if "sparse_surface" in name.lower()} == classes
