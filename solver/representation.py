@@ -1,8 +1,8 @@
 """The representation: everything that is needed to evaluate the surface anywhere.
 
-At a point x of a triangle the surface is the blend S(x) = sum_k phi_k(x) h_k(Phi_k(x)) of the patches that contain the triangle;
-h_k is a sparse polynomial, Phi_k maps the triangle linearly into the patch's optimised domain, and phi_k interpolates the
-blending weights linearly.  Where no patch has weight the input itself shows through.
+At a point x of a triangle the surface is the blend S(x) = sum_k phi_k(x) h_k(Phi_k(x)) of the patches that contain the
+triangle; h_k is a sparse polynomial, Phi_k maps the triangle linearly into the patch's optimised domain, and phi_k is
+linear on the triangle.  What the weights miss of a sum of one goes to the input itself.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Representation:
     triangle_offsets, patch_triangles, mesh_triangles
         The patches' triangles: local vertex numbers (S, 3), and the mesh triangle that each is (S,).
     domains, initial_domains
-        Optimised and initial domains in the patches' frames, (C, M, 2) with C = 1 (common) or 3 (one for each coordinate).
+        Optimised and initial domains in the patches' frames, (C, M, 2); C = 1, or 3 with one for each coordinate.
     weights
         Blending weights at the patches' vertices, (M,).
     blending
@@ -128,7 +128,7 @@ class Representation:
 
     @cached_property
     def input_weights(self) -> Array:
-        """Weight with which the input itself shows through at the triangles' corners, (T, 3): what the patches leave."""
+        """Weight of the input itself at the triangles' corners, (T, 3): what the patches leave."""
         count = len(self.triangles)
         columns = [np.bincount(self.mesh_triangles, weights=w, minlength=count) for w in self.corner_weights.T]
         left = 1.0 - np.stack(columns, axis=1)
@@ -159,7 +159,7 @@ class Representation:
         return self._combined(patch, u, v).T + self.origins[patch]
 
     def _combined(self, patch: int, u: Array, v: Array) -> Array:
-        """A patch's functions, without their origin, from values or derivatives of the polynomials in u and v, (3, N)."""
+        """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
         return combine(self._grids[patch], u, v) / self.scales[patch][:, None]
 
     def at_patch_vertices(self) -> Array:
@@ -193,7 +193,7 @@ class Representation:
         Parameters
         ----------
         face_index
-            Triangles, (N,); the input's own face numbers where all of its faces are triangles (see `triangles`, `polygon`).
+            Triangles, (N,); where all input faces are triangles these are its faces (see `triangles`, `polygon`).
         barycentric
             Barycentric coordinates in these triangles, (N, 3).
 
