@@ -28,6 +28,7 @@ Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 _MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
+_LARGEST_COORDINATE = 1e60  # squared areas still have to be finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +206,8 @@ def _checked_vertices(vertices: ArrayLike) -> Floats:
     wrong = ~np.isfinite(points).all(axis=1)
     if wrong.any():
         raise InputError(f"Vertex {int(np.argmax(wrong))} has a coordinate that is not a finite number.")
+    if np.abs(points).max() > _LARGEST_COORDINATE:
+        raise InputError(f"The coordinates are too large to be computed with (beyond {_LARGEST_COORDINATE:g}).")
     return points
 
 
@@ -263,13 +266,9 @@ def _refuse_out_of_range(corners: Integers, vertex_count: int) -> None:
 
 
 def _refuse_without_area(points: Floats, triangles: Integers) -> None:
-    used = points[triangles]
-    low, high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
-    with np.errstate(over="ignore"):
-        side = float((high - low).max())
-    if not np.isfinite(side):
-        raise InputError("The coordinates are too large to be computed with.")
-    if side == 0.0 or triangle_areas((points - low) / side, triangles).sum() <= 1e-15:
+    used = points[triangles.reshape(-1)]
+    side = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
+    if side < 1 / _LARGEST_COORDINATE or triangle_areas((points - used[0]) / side, triangles).sum() <= 1e-15:
         raise InputError("The mesh has no area: all of its faces are collapsed to lines or points.")
 
 

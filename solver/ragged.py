@@ -19,4 +19,6 @@ def row_positions(offsets: Integers, rows: NDArray[np.int64]) -> tuple[Integers,
     """Return the positions that the chosen rows occupy, in their order, and the offsets of those rows by themselves."""
     sizes = offsets[rows + 1] - offsets[rows]
     new = offsets_of(sizes)
-    return np.repeat(offsets[rows] - new[:-1], sizes) + np.arange(new[-1]), new
+    positions = np.arange(new[-1], dtype=np.int64)
+    positions += np.repeat(offsets[rows] - new[:-1], sizes)
+    return positions, new

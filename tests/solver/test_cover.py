@@ -1,0 +1,94 @@
+"""Covers against hop distances from scipy's own graph search, and the paper's counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import dijkstra
+
+from sparse_surface.solver import models
+from sparse_surface.solver.cover import build_cover, hops_from
+from sparse_surface.solver.mesh import TriangleMesh, build_mesh
+
+
+def hops(mesh: TriangleMesh, sources: np.ndarray) -> np.ndarray:
+    return dijkstra(mesh.adjacency, indices=sources, unweighted=True)
+
+
+def split_sphere() -> TriangleMesh:
+    """Two spheres and a loose vertex."""
+    vertices, faces = models.sphere(6)
+    count = len(vertices)
+    return build_mesh(
+        np.concatenate((vertices, vertices + 5, [[9.0, 9, 9]])), np.concatenate((faces, faces[:, ::-1] + count))
+    )
+
+
+@pytest.mark.parametrize("model", [models.cube, models.moebius, models.tube, models.lens], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("ring", [1, 2, 7, 50])
+def test_every_vertex_lies_well_inside_a_ring(model, ring):
+    mesh = build_mesh(*model())
+    assert hops(mesh, build_cover(mesh, ring)).min(axis=0).max() <= ring - 1
+
+
+@pytest.mark.parametrize("model", [models.cube, models.lens, models.tube], ids=lambda m: m.__name__)
+def test_each_centre_is_a_farthest_point(model):
+    mesh = build_mesh(*model())
+    centres = build_cover(mesh, 5)
+    each = hops(mesh, centres)
+    field = each[0]
+    for number, centre in enumerate(centres[1:], start=1):
+        assert field[centre] == field.max()
+        field = np.minimum(field, each[number])
+    assert len(np.unique(centres)) == len(centres)
+
+
+def test_hops_agree_with_a_graph_search():
+    mesh = split_sphere()
+    sources = np.array([3, 77])
+    expected = hops(mesh, sources).min(axis=0)
+    found = hops_from(mesh, sources)
+    reached = np.isfinite(expected)
+    np.testing.assert_array_equal(found[reached], expected[reached])
+    assert (found[~reached] > 10**9).all()
+
+
+def test_each_component_has_a_centre_and_loose_vertices_have_none():
+    mesh = split_sphere()
+    centres = build_cover(mesh, 50)
+    assert sorted(mesh.component[centres].tolist()) == sorted(set(mesh.component[mesh.used].tolist()))
+
+
+def test_only_what_is_wanted_is_covered():
+    mesh = split_sphere()
+    wanted = np.zeros(mesh.node_count, dtype=bool)
+    assert len(build_cover(mesh, 3, wanted)) == 0
+    wanted[:40] = True
+    centres = build_cover(mesh, 3, wanted)
+    assert wanted[centres].all()
+    assert hops(mesh, centres).min(axis=0)[wanted].max() <= 2
+
+
+def test_position_and_size_make_no_difference():
+    vertices, faces = models.cubetorus()
+    turned = vertices @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0] * 1e3 + 7.0
+    mesh = build_mesh(vertices, faces)
+    triangulation = (mesh.triangles, mesh.polygon)
+    centres = build_cover(mesh, 7)
+    np.testing.assert_array_equal(centres, build_cover(build_mesh(turned, faces, triangulation), 7))
+    np.testing.assert_array_equal(centres, build_cover(mesh, 7))
+
+
+@pytest.mark.parametrize(
+    ("name", "printed", "tolerance"),
+    [("cube", 26, 0.25), ("cubetorus", 40, 0.15), ("cylinder", 39, 0.15), ("flower", 97, 0.15), ("detailed", 882, 0.15)],
+)
+def test_counts_are_near_those_of_table_1(name, printed, tolerance):
+    count = len(build_cover(build_mesh(*models.MODELS[name]()), 7))
+    assert abs(count - printed) <= tolerance * printed
+
+
+@pytest.mark.parametrize(("name", "printed"), [("fandisk.obj", 88), ("stanford-bunny.ply", 551)])
+def test_counts_on_the_papers_own_models(load_model, name, printed):
+    count = len(build_cover(build_mesh(*load_model(name)), 7))
+    assert abs(count - printed) <= 0.15 * printed
