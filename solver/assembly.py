@@ -27,6 +27,8 @@ def assemble(
     """Put the fitted patches together."""
     channels = channels_of(settings)
     sparsity = max((fit.support.shape[1] for fit in fits), default=0)
+    iterations = max((len(fit.energy) for fit in fits), default=0)
+    energies = [np.pad(fit.energy, (0, iterations - len(fit.energy)), constant_values=np.nan) for fit in fits]
 
     def joined(arrays: list[Array]) -> Array:
         return np.concatenate(arrays, axis=1) if arrays else np.zeros((channels, 0, 2))
@@ -56,4 +58,5 @@ def assemble(
         degree=settings.degree,
         support=padded([fit.support for fit in fits], -1).astype(np.int64),
         coefficients=padded([fit.coefficients for fit in fits], 0).astype(np.float64),
+        energy=np.array(energies).reshape(len(fits), iterations),
     )

@@ -58,6 +58,8 @@ class Representation:
         The dictionary.
     support, coefficients
         Sparse coefficients of every patch and coordinate, (K, 3, s); support -1 where fewer are used.
+    energy
+        Objective of each patch after each iteration, in the patch's scale, (K, I); NaN where a patch took fewer.
     """
 
     vertices: Array
@@ -80,6 +82,7 @@ class Representation:
     degree: int
     support: Indices
     coefficients: Array
+    energy: Array
 
     @property
     def patches(self) -> int:
