@@ -12,7 +12,7 @@ from bpy.types import Context, Event, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
 from ..solver.settings import Settings
-from . import running
+from . import estimate, running
 from .heat_map import colour_scale
 from .preferences import preferred_workers
 from .requirements import missing_packages
@@ -143,6 +143,7 @@ class SPARSE_SURFACE_OT_approximate(Operator):
                 refusals.append(str(error))
             else:
                 self.report({"INFO"}, summary(source.name, result.report))
+                estimate.learn(result.report)
         for refusal in refusals:
             self.report({"WARNING"} if made else {"ERROR"}, refusal)
         if not made:

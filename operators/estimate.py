@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from bpy.types import Object
 
@@ -38,11 +40,12 @@ def estimate(vertices: int, settings: Settings) -> Estimate:
     )
 
 
-def learn(vertices: int, settings: Settings, seconds: float) -> None:
-    """Take the speed of this machine from a run that is done; tiny ones say nothing."""
+def learn(report: Mapping[str, Any]) -> None:
+    """Take the speed of this machine from the report of a run; tiny ones say nothing."""
     global _seconds_per_work
+    seconds = report["seconds"]["total"]
     if seconds > 0.5:
-        _seconds_per_work = seconds / _work(vertices, settings)
+        _seconds_per_work = seconds / _work(report["input"]["vertices"], Settings.from_dict(report["settings"]))
 
 
 def vertex_count(chosen: Object) -> int:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 from bpy.types import Context, Operator, SpaceView3D
 
 from .result_object import ERROR_COLOUR, has_heat_map
 
+# Flat light shows a colour as the legend does; the cavities keep the shape readable.
+_HEAT_MAP_SHADING = {"color_type": "VERTEX", "light": "FLAT", "show_cavity": True, "cavity_type": "SCREEN"}
+
 
 @dataclass
 class Shading:
-    """What a viewport showed before its heat map."""
+    """What a viewport showed before its heat map: its kind of shading, and how it showed solids."""
 
-    kind: str = "SOLID"
-    colour: str = "MATERIAL"
+    kind: str
+    solid: dict[str, Any]
     isolated: bool = False
 
 
@@ -62,9 +66,10 @@ class SPARSE_SURFACE_OT_show_heat_map(Operator):
 
 def _show(space: SpaceView3D, context: Context) -> None:
     shading = space.shading
-    before = Shading(shading.type, shading.color_type if shading.type == "SOLID" else "MATERIAL")
-    shading.type = "SOLID"
-    shading.color_type = "VERTEX"
+    kind, shading.type = shading.type, "SOLID"  # the choices of solid shading can be read only when it is on
+    before = Shading(kind, {name: getattr(shading, name) for name in _HEAT_MAP_SHADING})
+    for name, value in _HEAT_MAP_SHADING.items():
+        setattr(shading, name, value)
     for candidate in context.view_layer.objects:
         if has_heat_map(candidate):
             colours = candidate.data.color_attributes
@@ -85,7 +90,8 @@ def _isolate(space: SpaceView3D, context: Context) -> bool:
 
 def _restore(space: SpaceView3D) -> None:
     before = _before.pop(space.as_pointer())
-    space.shading.color_type = before.colour
+    for name, value in before.solid.items():
+        setattr(space.shading, name, value)
     space.shading.type = before.kind
     if before.isolated and space.local_view is not None:
         bpy.ops.view3d.localview(frame_selected=False)

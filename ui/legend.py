@@ -44,7 +44,9 @@ class Legend:
     texts: tuple[Text, ...]
 
 
-def build_legend(low: float, high: float, tolerance: float, unit: str, height: float, scale: float = 1.0) -> Legend:
+def build_legend(
+    low: float, high: float, tolerance: float, unit: str, height: float, *, left: float = 0.0, scale: float = 1.0
+) -> Legend:
     """Lay the legend out.
 
     Parameters
@@ -55,37 +57,42 @@ def build_legend(low: float, high: float, tolerance: float, unit: str, height: f
         Short name of the unit of length, may be empty.
     height
         Of the viewport, in pixels; a low viewport gets a short bar.
+    left
+        Pixels that a toolbar covers at the left.
     scale
         Pixels per point of Blender's interface.
     """
     margin, width, gap = MARGIN * scale, BAR_WIDTH * scale, GAP * scale
+    start = left + margin
     line = TEXT_SIZE * 1.6 * scale
     length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line), 2 * line)
-    title = Text(margin, margin + length + line * 0.7, iface_("Error") + (f" [{unit}]" if unit else ""))
+    title = Text(start, margin + length + line * 0.7, iface_("Error") + (f" [{unit}]" if unit else ""))
     if tolerance > 0.0:
-        return _two_bands(margin, width, gap, length, tolerance, title)
+        return _two_bands(start, margin, width, gap, length, tolerance, title)
     count = 64
     bands = tuple(
-        Band(margin, margin + length * k / count, margin + width, margin + length * (k + 1) / count, (k + 0.5) / count)
+        Band(start, margin + length * k / count, start + width, margin + length * (k + 1) / count, (k + 0.5) / count)
         for k in range(count)
     )
     values = tick_values(low, high)
     ticks = tuple(margin + length * (value - low) / ((high - low) or 1.0) for value in values)
     digits = tick_digits(values)
     words = tuple(
-        Text(margin + width + gap, y - TEXT_SIZE * 0.35 * scale, f"{value:.{digits}g}")
+        Text(start + width + gap, y - TEXT_SIZE * 0.35 * scale, f"{value:.{digits}g}")
         for value, y in zip(values, ticks, strict=True)
     )
     return Legend(bands, ticks, (title, *words))
 
 
-def _two_bands(margin: float, width: float, gap: float, length: float, tolerance: float, title: Text) -> Legend:
+def _two_bands(
+    start: float, margin: float, width: float, gap: float, length: float, tolerance: float, title: Text
+) -> Legend:
     middle = margin + length / 2
     bands = (
-        Band(margin, margin, margin + width, middle, 0.0),
-        Band(margin, middle, margin + width, margin + length, 1.0),
+        Band(start, margin, start + width, middle, 0.0),
+        Band(start, middle, start + width, margin + length, 1.0),
     )
-    x = margin + width + gap
+    x = start + width + gap
     words = (
         Text(x, margin + length * 0.25, iface_("inside")),
         Text(x, middle, f"{tolerance:.4g}"),
@@ -132,9 +139,24 @@ def draw() -> None:
     low, high, tolerance = context.active_object[SCALE]
     unit, factor = unit_of(context)
     interface = context.preferences.system.ui_scale
-    legend = build_legend(low * factor, high * factor, tolerance * factor, unit, context.region.height, interface)
+    legend = build_legend(
+        low * factor,
+        high * factor,
+        tolerance * factor,
+        unit,
+        context.region.height,
+        left=_toolbar_width(context),
+        scale=interface,
+    )
     _draw_bands(legend, tolerance > 0.0)
     _draw_words(legend, interface, context)
+
+
+def _toolbar_width(context: Context) -> float:
+    """Return how much of the viewport's left side the toolbar covers."""
+    overlap = context.preferences.system.use_region_overlap
+    toolbars = [region for region in context.area.regions if region.type == "TOOLS" and region.alignment == "LEFT"]
+    return float(max((region.width for region in toolbars if overlap and region.width > 1), default=0))
 
 
 def _draw_bands(legend: Legend, two_colours: bool) -> None:

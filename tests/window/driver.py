@@ -1,0 +1,190 @@
+"""Drives the window that Blender has open: what the tests in this folder share.
+
+Each ``test_*.py`` here is a script for one Blender with a window, in which the extension is enabled:
+``blender --enable-event-simulate --python tests/window/test_x.py -- FOLDER``.  Pictures of the window go into
+FOLDER.  Blender ends with exit code 0 when the test has passed and 1 when it has failed.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import bpy
+
+Steps = Generator[float, None, None]
+"""A test: between two of its `yield SECONDS` Blender draws and handles events."""
+
+FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
+
+
+def run(*tests: Callable[[], Steps]) -> None:
+    """Run tests one after the other, then quit Blender; the first that fails ends it at once."""
+    bpy.context.preferences.view.show_splash = False
+    bpy.context.preferences.view.use_save_prompt = False
+    steps = _chain(tests)
+
+    def step() -> float | None:
+        try:
+            return next(steps)
+        except StopIteration:
+            bpy.ops.wm.quit_blender()
+        except BaseException:
+            traceback.print_exc()
+            with suppress(Exception):
+                shot("failure")
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(1)
+        return None
+
+    bpy.app.timers.register(step, first_interval=1.0, persistent=True)
+
+
+def _chain(tests: tuple[Callable[[], Steps], ...]) -> Iterator[float]:
+    for test in tests:
+        started = time.monotonic()
+        yield from test()
+        print(f"passed {test.__name__} ({time.monotonic() - started:.1f} s)", flush=True)
+
+
+def add_on() -> str:
+    """Return the module name of the extension."""
+    names = [name for name in bpy.context.preferences.addons.keys() if name.endswith(".sparse_surface")]  # noqa: SIM118
+    assert len(names) == 1, names
+    return names[0]
+
+
+def module(name: str) -> ModuleType:
+    """Import a module of the extension, such as "operators.running"."""
+    return importlib.import_module(f"{add_on()}.{name}")
+
+
+def window() -> Any:
+    """Return the first window."""
+    return bpy.context.window_manager.windows[0]
+
+
+def viewport() -> Any:
+    """Return the first 3D viewport's area."""
+    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
+
+
+def region(kind: str) -> Any:
+    """Return a region of the viewport: "WINDOW", "UI"."""
+    return next(each for each in viewport().regions if each.type == kind)
+
+
+def in_viewport() -> Any:
+    """Return a context in which operators act as if called from the viewport."""
+    return bpy.context.temp_override(window=window(), area=viewport(), region=region("WINDOW"))
+
+
+def open_sidebar() -> Steps:
+    """Show the sidebar with the extension's tab."""
+    viewport().spaces.active.show_region_ui = True
+    yield 0.3
+    with suppress(TypeError):
+        region("UI").active_panel_category = "Sparse Surface"
+    viewport().tag_redraw()
+    yield 0.3
+
+
+def clear_scene() -> None:
+    """Remove every object and mesh, and set every setting back."""
+    if bpy.context.mode != "OBJECT":
+        with in_viewport():
+            bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.data.batch_remove(list(bpy.data.objects))
+    bpy.data.batch_remove(list(bpy.data.meshes))
+    bpy.context.scene.property_unset("sparse_surface")
+    settings = bpy.context.scene.sparse_surface
+    for each in settings.bl_rna.properties:
+        settings.property_unset(each.identifier)
+
+
+def add_creased_grid(size: int, name: str = "Creased", steps: float = 3.0) -> Any:
+    """Add and select a square sheet of size x size vertices with sharp folds across its edges' directions."""
+    import numpy as np
+
+    axis = np.linspace(-1.0, 1.0, size)
+    x, y = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
+    z = 0.2 * np.abs(np.mod(steps * (0.8 * x + 0.6 * y), 2.0) - 1.0) + 0.05 * np.sin(4.0 * x * y)
+    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
+    faces = np.stack([corner, corner + size, corner + size + 1, corner + 1], axis=1)
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(np.stack([x, y, z], axis=1).tolist(), [], faces.tolist())
+    made = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(made)
+    select(made)
+    with in_viewport():
+        bpy.ops.ed.undo_push(message=f"Add {name}")
+    return made
+
+
+def select(*objects: Any) -> None:
+    """Select these objects only; the last becomes active."""
+    layer = bpy.context.view_layer
+    layer.update()
+    for other in layer.objects:
+        other.select_set(other in objects)
+    layer.objects.active = objects[-1] if objects else None
+
+
+def press(key: str, *, at: Any = None, **modifiers: bool) -> None:
+    """Press and release a key with the mouse over a region (default: the viewport)."""
+    over = at or region("WINDOW")
+    x, y = over.x + over.width // 2, over.y + over.height // 2
+    window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+    for value in ("PRESS", "RELEASE"):
+        window().event_simulate(type=key, value=value, x=x, y=y, **modifiers)
+
+
+def approximate() -> set[str]:
+    """Press the button."""
+    with in_viewport():
+        return set(bpy.ops.sparse_surface.approximate("INVOKE_DEFAULT"))
+
+
+def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Steps:
+    """Let Blender run until the condition holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"{what}: not within {seconds} s"
+        yield 0.02
+
+
+def running() -> Any:
+    """Return the current run of the extension, or None."""
+    return module("operators.running").current
+
+
+def children() -> list[int]:
+    """Return the process numbers of this process's children (Linux only)."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = status.read_text().rpartition(")")[2].split()
+            if int(fields[1]) == os.getpid() and fields[0] != "Z":
+                found.append(int(status.parent.name))
+    return found
+
+
+def shot(name: str) -> None:
+    """Take a picture of the window."""
+    path = str(FOLDER / f"{name}.png")
+    try:
+        import real_blender
+    except ImportError:
+        with bpy.context.temp_override(window=window()):
+            bpy.ops.screen.screenshot(filepath=path)
+    else:
+        real_blender.shot(path)
