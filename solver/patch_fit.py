@@ -25,8 +25,9 @@ Indices = NDArray[np.int64]
 SWEEP_ITERATIONS = 5
 """Steps that a patch takes when a sweep re-fits it."""
 
-CHUNK_PROBLEMS = 16
-CHUNK_OBSERVATIONS = 16_000
+CHUNK_PROBLEMS = 64
+CHUNK_SIZE = 7_500
+"""Most problems in a chunk, and most vertices and triangles of them: more would not fit into a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def chunk_patches(patches: Patches, which: Indices, problems_each: int = 1) -> l
     for end in range(1, len(order) + 1):
         if end < len(order):
             problems = (end + 1 - start) * problems_each
-            if problems <= CHUNK_PROBLEMS and problems * size[end] <= CHUNK_OBSERVATIONS:
+            if problems <= CHUNK_PROBLEMS and problems * size[end] <= CHUNK_SIZE:
                 continue
         chunks.append(order[start:end])
         start = end
@@ -131,7 +132,8 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
     settings = task.settings
     with threadpool_limits(1, user_api="blas"):
         batch = build_batch(task.problems)
-        dictionary = Dictionary(settings.degree, settings.basis)
+        # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
+        dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)
         solution = _solution(batch, dictionary, task)
     each = len(task.problems) // len(task.patches)
     energy = np.array(solution.energy).reshape(-1, batch.problems)

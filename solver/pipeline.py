@@ -169,6 +169,7 @@ def _approximate(
     surface = Blend(observations)
     with watch.stage("solve"):
         fits, hurry = yield from solve_patches(surface, domains, settings, crew, len(mesh.vertices))
+    energy = [float(total) for total in np.sum([fit.energy for fit in fits], axis=0)] if fits and not hurry else []
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
             yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
@@ -183,7 +184,7 @@ def _approximate(
     with watch.stage("blend"):
         points = representation.at_vertices()
     yield Progress("Measuring", 0.98, vertices=points)
-    return _result(mesh, representation, points.astype(stored), refined.fits, settings, kept, crew, watch)
+    return _result(mesh, representation, points.astype(stored), energy, settings, kept, crew, watch)
 
 
 def _held_vertices(
@@ -250,7 +251,7 @@ def _result(
     mesh: TriangleMesh,
     representation: Representation,
     points: NDArray[Any],
-    fits: list[PatchFit],
+    energy: list[float],
     settings: Settings,
     kept: dict[str, Any] | None,
     crew: Crew,
@@ -277,7 +278,7 @@ def _result(
             },
             "seam_max": seam(representation),
             "normal_error_degrees": normal_error(mesh.vertices, points.astype(np.float64), mesh.triangles),
-            "energy": [float(e) for e in np.sum([fit.energy for fit in fits], axis=0)] if fits else [],
+            "energy": energy,
         }
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
     seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")}

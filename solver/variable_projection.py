@@ -167,7 +167,7 @@ def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, p
     correlation = np.matmul(batch.values * batch.root_weights, weighted.transpose(0, 2, 1))
     allowed = dictionary.degrees.sum(axis=1) <= batch.degrees[:, None]
     pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
-    support = pursue(gram, correlation, min(sparsity, dictionary.size), allowed)
+    support = pursue(gram, correlation, min(sparsity, int(allowed.sum(axis=1).max())), allowed)
     return least_squares(batch, dictionary, domain, support)
 
 
