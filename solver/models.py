@@ -104,18 +104,18 @@ def creased_terrain(vertex_count: int = 1_000_000) -> Model:
     """
     side = max(round(vertex_count**0.5), 2)
     row, column = np.divmod(np.arange(side * side), side)
-    plane = np.column_stack((column, row)) + _jitter((side * side, 2), seed=11)
+    plane = np.column_stack((column, row)) + 0.5 * _jitter((side * side, 2), seed=11)
     ridges = ((0.4, 41.0), (1.3, 53.0), (2.5, 67.0))  # direction across and distance between
-    for direction, period in ridges:
-        across = np.array([np.cos(direction), np.sin(direction)])
-        off = _from_crest(plane, across, period)
-        plane -= np.where(np.abs(off) < 0.42, off, 0.0)[:, None] * across
+    across = np.array([[np.cos(direction), np.sin(direction)] for direction, _ in ridges])
+    off = np.array([_from_crest(plane, a, period) for a, (_, period) in zip(across, ridges, strict=True)])
+    nearest = np.abs(off).argmin(axis=0)
+    off = off[nearest, np.arange(len(plane))]
+    plane -= np.where(np.abs(off) < 0.25, off, 0.0)[:, None] * across[nearest]
     height = 3.0 * _waves(plane, frequencies=(0.02, 0.05, 0.11, 0.23), amplitudes=(2.0, 0.8, 0.3, 0.1), seed=3)
-    for direction, period in ridges:
-        across = np.array([np.cos(direction), np.sin(direction)])
-        height = np.maximum(height, 6.0 - 1.1 * np.abs(_from_crest(plane, across, period)))
+    for a, (_, period) in zip(across, ridges, strict=True):
+        height = np.maximum(height, 6.0 - 1.1 * np.abs(_from_crest(plane, a, period)))
     number = np.arange(side * side).reshape(side, side)
-    a, b, c, d = (part.reshape(-1) for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
+    a, b, c, d = _quads_of(number).T
     odd = (row + column)[a] % 2 == 1
     one = np.where(odd[:, None], np.column_stack((a, b, c)), np.column_stack((a, b, d)))
     two = np.where(odd[:, None], np.column_stack((a, c, d)), np.column_stack((b, c, d)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
-
 from sparse_surface.solver import models
 from sparse_surface.solver.cover import build_cover, hops_from
 from sparse_surface.solver.mesh import TriangleMesh, build_mesh
@@ -81,7 +80,13 @@ def test_position_and_size_make_no_difference():
 
 @pytest.mark.parametrize(
     ("name", "printed", "tolerance"),
-    [("cube", 26, 0.25), ("cubetorus", 40, 0.15), ("cylinder", 39, 0.15), ("flower", 97, 0.15), ("detailed", 882, 0.15)],
+    [
+        ("cube", 26, 0.25),
+        ("cubetorus", 40, 0.15),
+        ("cylinder", 39, 0.15),
+        ("flower", 97, 0.15),
+        ("detailed", 882, 0.15),
+    ],
 )
 def test_counts_are_near_those_of_table_1(name, printed, tolerance):
     count = len(build_cover(build_mesh(*models.MODELS[name]()), 7))

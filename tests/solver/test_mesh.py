@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-
 from sparse_surface.solver import models
 from sparse_surface.solver.errors import InputError
 from sparse_surface.solver.mesh import TriangleMesh, build_mesh, triangle_areas
@@ -347,7 +346,9 @@ def test_scrambled_windings_are_put_right(seed):
 def test_one_sided_surfaces_have_no_winding():
     vertices, faces = models.moebius(30, 5)
     sphere, sphere_faces = models.sphere(3)
-    mesh = build_mesh(np.concatenate((vertices, sphere + 9)), [*faces.tolist(), *(sphere_faces + len(vertices)).tolist()])
+    mesh = build_mesh(
+        np.concatenate((vertices, sphere + 9)), [*faces.tolist(), *(sphere_faces + len(vertices)).tolist()]
+    )
     one_sided = mesh.polygon < len(faces)
     assert (mesh.winding[one_sided] == 0).all()
     assert (mesh.winding[~one_sided] == 1).all()
