@@ -1,6 +1,6 @@
 """An approximation in a process of its own, for owners that must stay responsive.
 
-The owner writes the input into a folder and starts a plain Python on `worker`; arrays travel as ``.npy``
+The owner writes the input into a folder and starts a plain Python (see `child`); arrays travel as ``.npy``
 files in that folder, everything said on the way as one JSON object a line: progress and the end of the
 work on the child's standard output, the wish to finish early on its standard input.  The child ends, and
 removes the folder, when its standard input closes: a killed owner leaves nothing behind.
@@ -26,6 +26,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .child import close_streams, last_words, private_channels, start_child
 from .errors import SparseSurfaceError, WorkerError
 from .progress import FINISH, Progress, Steps, run_to_end
 from .settings import Settings
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
 
 SECONDS_BETWEEN_MESSAGES = 0.05
 SECONDS_BETWEEN_PREVIEWS = 0.5
-
-THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-"""Set to 1: the solver's stacked small products are ten times slower with threaded BLAS; NumPy reads them on import."""
 
 
 @dataclass(frozen=True)
@@ -189,10 +187,7 @@ class Job:
             process.wait()
             if self._reader is not None:
                 self._reader.join()
-            for stream in (process.stdin, process.stdout):
-                with contextlib.suppress(OSError):
-                    if stream is not None:
-                        stream.close()
+            close_streams(process)
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _write_input(self, arrays: MeshArrays, settings: Settings, previews: bool) -> None:
@@ -200,21 +195,12 @@ class Job:
             array = getattr(arrays, name)
             if array is not None:
                 np.save(self.folder / f"{name}.npy", array, allow_pickle=False)
-        job = {"settings": settings.as_dict(), "previews": previews, "module_search_path": [str(p) for p in sys.path]}
+        job = {"settings": settings.as_dict(), "previews": previews}
         (self.folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
 
     def _start_child(self) -> subprocess.Popen[bytes]:
-        script = Path(__file__).resolve().with_name("worker.py")
         with open(self.folder / "log.txt", "wb") as log:
-            return subprocess.Popen(
-                [*self.python, str(script), str(self.folder)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                env={**os.environ, **dict.fromkeys(THREAD_COUNTS, "1")},
-                cwd=self.folder,
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            )
+            return start_child("job", str(self.folder), python=self.python, stderr=log, cwd=self.folder)
 
     def _progress(self, message: Mapping[str, Any], earlier: Progress | None) -> Progress:
         vertices = earlier.vertices if earlier is not None else None
@@ -230,9 +216,9 @@ class Job:
         return Outcome(**arrays, report=report)
 
     def _reason_of_death(self) -> str:
-        log = (self.folder / "log.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        last_words = f": {log[-1]}" if log else ""
-        return f"The solver's process ended before its work was done{last_words}."
+        with open(self.folder / "log.txt", "rb") as log:
+            words = last_words(log)
+        return f"The solver's process ended before its work was done{': ' if words else ''}{words}."
 
 
 def _read_lines(stream: IO[bytes], messages: queue.SimpleQueue[dict[str, Any] | None]) -> None:
@@ -245,10 +231,12 @@ def _read_lines(stream: IO[bytes], messages: queue.SimpleQueue[dict[str, Any] | 
 # The child's side
 
 
-def serve(folder: Path) -> int:
-    """Run the job that `folder` holds and tell its owner; return the process's exit code."""
-    send = _message_channel()
-    requests = _Requests(folder)
+def serve(job_folder: str) -> int:
+    """Run the job that the folder holds and tell its owner; return the process's exit code."""
+    folder = Path(job_folder)
+    incoming, outgoing = private_channels()
+    send = _sender(outgoing)
+    requests = _Requests(folder, incoming)
     try:
         _run(folder, send, requests)
         send(kind="done")
@@ -275,10 +263,8 @@ def _read_input(folder: Path) -> MeshArrays:
     return MeshArrays(**{name: np.load(path, allow_pickle=False) for name, path in paths.items() if path.exists()})
 
 
-def _message_channel() -> Callable[..., None]:
-    """Keep standard output for messages; whatever prints from now on goes to standard error."""
-    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
+def _sender(outgoing: int) -> Callable[..., None]:
+    channel = os.fdopen(outgoing, "w", encoding="utf-8")
 
     def send(**message: Any) -> None:
         channel.write(json.dumps(message) + "\n")
@@ -290,8 +276,9 @@ def _message_channel() -> Callable[..., None]:
 class _Requests:
     """What the owner says, read by a thread; the end of its words is the end of this process."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, incoming: int) -> None:
         self._folder = folder
+        self._incoming = incoming
         self._finish = threading.Event()
         threading.Thread(target=self._listen, daemon=True).start()
 
@@ -300,8 +287,8 @@ class _Requests:
         return FINISH if self._finish.is_set() else None
 
     def _listen(self) -> None:
-        # Not sys.stdin: a thread waiting in its buffer would abort the interpreter's regular end.
-        while words := os.read(0, 4096):
+        # Not buffered: a thread waiting in a buffer would abort the interpreter's regular end.
+        while words := os.read(self._incoming, 4096):
             if FINISH.encode() in words:
                 self._finish.set()
         os.chdir(self._folder.parent)

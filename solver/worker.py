@@ -1,4 +1,4 @@
-"""The child process's script: loads this folder as a package of its own name and runs one job (see `job`).
+"""The script of every child process: loads this folder as a package of its own name and runs one of its modules.
 
 It is started by its path because the package's name is not importable everywhere: Blender knows an
 extension as ``bl_ext...``, which exists only inside Blender.
@@ -30,12 +30,12 @@ def load_solver(folder: Path) -> ModuleType:
     return sys.modules[PACKAGE]
 
 
-def main(job_folder: str) -> int:
-    """Run the job in `job_folder`; the owner's module search path comes first of all, it leads to SciPy."""
-    job = json.loads((Path(job_folder) / "job.json").read_text(encoding="utf-8"))
-    sys.path[:] = job["module_search_path"]
+def main(text: str) -> int:
+    """Carry out the order that `child.start_child` wrote; the owner's module search path comes first of all."""
+    order = json.loads(text)
+    sys.path[:] = order["module_search_path"]
     load_solver(Path(__file__).resolve().parent)
-    status: int = importlib.import_module(f"{PACKAGE}.job").serve(Path(job_folder))
+    status: int = importlib.import_module(f"{PACKAGE}.{order['module']}").serve(*order["arguments"])
     return status
 
 
