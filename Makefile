@@ -11,6 +11,8 @@ LINT := .venv-lint
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE ?= 1
+# Blender starts from its factory settings: a user's own add-ons and start-up file have no say in any target.
+export BLENDER_USER_RESOURCES := $(abspath $(VENV))/blender
 
 MODEL ?=
 PLATFORMS ?=

@@ -168,7 +168,7 @@ def _set_up_rendering(scene: Scene, view: View, width: int) -> None:
     cycles.device, cycles.seed = "CPU", 0
     cycles.use_denoising = _has_denoiser()
     cycles.samples = SAMPLES if cycles.use_denoising else SAMPLES_WITHOUT_DENOISER
-    cycles.denoising_prefilter = "FAST"
+    cycles.denoising_input_passes = "RGB"  # the other passes are noisy at few samples and make edges ragged
     cycles.max_bounces, cycles.use_light_tree = 1, False
     camera = bpy.data.cameras.new("Camera")
     camera.type, camera.ortho_scale = "ORTHO", WIDTH
