@@ -191,6 +191,22 @@ def pole(valence: int = 2000, rings: int = 10) -> Model:
     return np.concatenate((np.zeros((1, 3)), outer)), np.concatenate((fan, wall))
 
 
+def finger(length: int = 9, cells: int = 15) -> Model:
+    """Return a flat square of quads out of whose middle cell a closed square tube of `length` quads rises."""
+    row, column = np.divmod(np.arange((cells + 1) ** 2), cells + 1)
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    low, high = cells // 2, cells // 2 + 1
+    foot = np.array([number[low, low], number[low, high], number[high, high], number[high, low]])
+    plane = _quads_of(number)
+    plane = plane[~(np.sort(plane, axis=1) == np.sort(foot)).all(axis=1)]
+    flat = np.column_stack((column, row, np.zeros(len(row))))
+    level, step = np.divmod(np.arange(4 * length), 4)
+    tube = flat[foot][step] + np.column_stack((np.zeros((4 * length, 2)), level + 1.0))
+    rows = np.concatenate((foot[None], len(flat) + np.arange(4 * length).reshape(length, 4)))
+    walls = _quads_of(np.concatenate((rows, rows[:, :1]), axis=1))
+    return np.concatenate((flat, tube)), np.concatenate((plane, walls, rows[-1:]))
+
+
 MODELS: dict[str, Callable[[], Model]] = {
     "cube": cube,
     "cubetorus": cubetorus,

@@ -112,6 +112,15 @@ def test_the_one_sided_models_are_one_sided():
         assert mesh.border.any() == border
 
 
+def test_the_finger_stands_up_in_one_piece():
+    mesh = build_mesh(*models.finger(4, 5))
+    assert mesh.component_count == 1
+    assert mesh.node_count - len(mesh.edges) + len(mesh.triangles) == 1
+    assert (mesh.winding == 1).all()
+    assert not mesh.passed_through.any()
+    assert mesh.vertices[:, 2].max() == 4.0
+
+
 def test_the_pole_has_its_valence():
     mesh = build_mesh(*models.pole(500, 3))
     assert np.diff(mesh.fan_offsets).max() == 500

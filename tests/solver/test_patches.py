@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import defaultdict
 
 import numpy as np
@@ -188,34 +187,9 @@ def test_no_patch_wraps_a_closed_surface():
 
 
 def test_an_enclosed_gap_is_filled():
-    """A plane with a long thin finger: the ring around its foot does not reach the tip."""
-    vertices, faces = models.creased_terrain(15 * 15)
-    centre = 7 * 15 + 7
-    around = build_mesh(vertices, faces).nodes
-    star = np.flatnonzero((around == centre).any(axis=1))
-    base = build_mesh(vertices, np.delete(faces, star, axis=0))
-    loop, sides = base.border_loops
-    edges = base.edges[loop == np.argmin(sides)]
-    ring = [int(edges[0, 0])]
-    while len(ring) < len(edges):
-        ends = edges[(edges == ring[-1]).any(axis=1)].reshape(-1)
-        ring.append(next(int(v) for v in ends if v not in ring))
-    length = 9
-    levels = [np.array(ring)]
-    rows = [vertices]
-    for level in range(1, length):
-        levels.append(len(vertices) + (level - 1) * len(ring) + np.arange(len(ring)))
-        rows.append(vertices[ring] + [0.0, 0.0, 2.0 * level])
-    tip = sum(len(row) for row in rows)
-    rows.append(vertices[[centre]] + [0.0, 0.0, 2.0 * length])
-    finger = [
-        [low[i], low[j], high[j], high[i]]
-        for low, high in itertools.pairwise(levels)
-        for i, j in ((i, (i + 1) % len(ring)) for i in range(len(ring)))
-    ]
-    finger += [[levels[-1][i], levels[-1][(i + 1) % len(ring)], tip] for i in range(len(ring))]
-    mesh = build_mesh(np.concatenate(rows), [*np.delete(faces, star, axis=0).tolist(), *finger])
-    foot = np.array([ring[0]])
+    """The ring around the foot of a long finger does not reach the tip."""
+    mesh = build_mesh(*models.finger(9))
+    foot, tip = np.array([7 * 16 + 7]), len(mesh.vertices) - 1
     patches = build_patches(mesh, foot, 7)
     assert patches.rings[0] == 7
     first = patches.vertices[: patches.vertex_offsets[1]]
