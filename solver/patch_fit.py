@@ -154,7 +154,7 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
                 domain,
                 support,
                 coefficients,
-                values[:count],
+                np.ascontiguousarray(values[:count]),
                 energy[:, part].sum(axis=1),
             )
         )
