@@ -7,6 +7,7 @@ linear on the triangle.  What the weights miss of a sum of one goes to the input
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -134,7 +135,7 @@ class Representation:
         """Weight of the input itself at the triangles' corners, (T, 3): what the patches leave."""
         count = len(self.triangles)
         columns = [np.bincount(self.mesh_triangles, weights=w, minlength=count) for w in self.corner_weights.T]
-        left = 1.0 - np.stack(columns, axis=1)
+        left: Array = 1.0 - np.stack(columns, axis=1)
         left[left < ROUNDING] = 0.0
         return left
 
@@ -232,6 +233,40 @@ class Representation:
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
 
+    @cached_property
+    def stored(self) -> bytes:
+        """The representation as the content of a file."""
+        from . import storage
+
+        return storage.to_bytes(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
+
+        Raises
+        ------
+        OSError
+            When the file cannot be written.
+        """
+        from . import storage
+
+        storage.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Representation:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        FileFormatError
+            When the file is cut, damaged, newer than this version, or something else; in one sentence.
+        OSError
+            When there is no such file, or it cannot be read.
+        """
+        from . import storage
+
+        return storage.load(path)
+
     def _evaluate(self, face_index: Indices, barycentric: Array, tangents: bool) -> Array:
         """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
 
@@ -297,7 +332,7 @@ class Representation:
     def _input_part(self, face: Indices, inside: Array, tangents: bool) -> Array:
         """The same of the input itself, where it shows through, (3 or 9, N)."""
         sums = np.zeros((9 if tangents else 3, len(face)))
-        shows = np.flatnonzero(self.input_weights.any(axis=1)[face])
+        shows = np.flatnonzero(self.input_weights.max(axis=1, initial=0.0)[face])
         if not len(shows):
             return sums
         corners = self.vertices[self.triangles[face[shows]]].transpose(1, 2, 0)
