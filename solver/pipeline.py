@@ -277,6 +277,7 @@ def _result(
                 "surface_max": inside["max"] / size,
             },
             "seam_max": seam(representation),
+            "representation_bytes": len(representation.stored),
             "normal_error_degrees": normal_error(mesh.vertices, points.astype(np.float64), mesh.triangles),
             "energy": energy,
         }
