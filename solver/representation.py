@@ -135,7 +135,7 @@ class Representation:
         """Weight of the input itself at the triangles' corners, (T, 3): what the patches leave."""
         count = len(self.triangles)
         columns = [np.bincount(self.mesh_triangles, weights=w, minlength=count) for w in self.corner_weights.T]
-        left: Array = 1.0 - np.stack(columns, axis=1)
+        left = np.ones((count, 3)) - np.stack(columns, axis=1)
         left[left < ROUNDING] = 0.0
         return left
 

@@ -1,8 +1,8 @@
 """Representations as files: a zip archive of NumPy arrays (`.npz`), versioned, without pickled objects.
 
 Reading trusts nothing.  Which arrays there are, their types and sizes are compared with the format before any of them
-is read, and their contents before they are used, so that a cut, foreign, newer or forged file is refused in one sentence
-and never evaluated.  The format is described in docs/representation.md.
+is read, and their contents before they are used: a cut, foreign, newer or forged file is refused in one sentence and
+never evaluated.  The format is described in docs/representation.md.
 """
 
 from __future__ import annotations
