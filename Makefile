@@ -26,7 +26,7 @@ help: ## list the targets
 
 venv: ## set up .venv (Python 3.11 or 3.13 as found, or PYTHON=...)
 	@python="$$(scripts/find_python.sh 3.11 3.13)" && \
-		"$$python" scripts/environment.py $(VENV) development solver blender --editable
+		"$$python" scripts/environment.py $(VENV) test development solver blender --editable
 
 demo: venv ## approximate two models, or MODEL=file, in Blender; results in out/
 	@$(PY) scripts/demo.py $(if $(MODEL),"$(MODEL)")

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-
 import sparse_surface
 from sparse_surface.operators import files
 from sparse_surface.operators.heatmap_render import render_heatmap

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import os
 import re
+import subprocess
+import sys
 import tomllib
+import zipfile
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -30,6 +36,15 @@ def pin(requirement: Requirement) -> Version:
     (specifier,) = requirement.specifier
     assert specifier.operator == "=="
     return Version(specifier.version)
+
+
+def script(name: str) -> ModuleType:
+    """Import a development script, as it imports its neighbours."""
+    sys.path.insert(0, str(CHECKOUT / "scripts"))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.pop(0)
 
 
 def literal(path: Path, name: str) -> str | None:
@@ -123,3 +138,80 @@ def test_supported_blenders() -> None:
     for version, pinned in files.items():
         assert str(pin(pinned["bpy"])).startswith(version + ".")
         assert str(pinned["bpy"].marker) in ('python_version == "3.11"', 'python_version == "3.13"')
+
+
+def test_readme_lists_every_setting_as_it_is() -> None:
+    settings_table = script("settings_table")
+    found = settings_table.BLOCK.search(settings_table.README.read_text(encoding="utf-8"))
+    assert found is not None
+    assert found.group() == settings_table.table(), "write it anew: .venv/bin/python scripts/settings_table.py"
+
+
+def test_documents_name_targets_that_exist() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (CHECKOUT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    for path in [CHECKOUT / "README.md", CHECKOUT / "CONTRIBUTING.md", *(CHECKOUT / "docs").glob("*.md")]:
+        named = set(
+            re.findall(r"`?\bmake ([a-z]+(?:-[a-z]+)*)(?=[`\s]*$|`| [A-Z]+=)", path.read_text(encoding="utf-8"), re.M)
+        )
+        assert named <= targets, (path.name, named - targets)
+
+
+def test_links_in_documents_lead_somewhere() -> None:
+    for path in [*CHECKOUT.glob("*.md"), *(CHECKOUT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text(encoding="utf-8")):
+            assert target.startswith("https://") or (path.parent / target).exists(), (path.name, target)
+
+
+def test_zip_is_the_same_whenever_it_is_built(tmp_path: Path) -> None:
+    building = script("build_extension")
+    first = building.build("nowheels", tmp_path / "first").read_bytes()
+    os.utime(CHECKOUT / "solver" / "settings.py")
+    second = building.build("nowheels", tmp_path / "second")
+    assert second.read_bytes() == first
+    with zipfile.ZipFile(second) as file:
+        assert {entry.date_time[:3] for entry in file.infolist()} == {(1980, 1, 1)}
+        assert "wheels" not in tomllib.loads(file.read("blender_manifest.toml").decode())
+
+
+@pytest.mark.parametrize("platform", ["linux-x64", "windows-x64", "macos-arm64", "macos-x64"])
+def test_manifest_of_a_zip_names_its_platform_and_wheels(platform: str) -> None:
+    text = script("build_extension").manifest_text(platform, ["a.whl", "b.whl"])
+    manifest = tomllib.loads(text)
+    assert manifest["platforms"] == [platform]
+    assert manifest["wheels"] == ["./wheels/a.whl", "./wheels/b.whl"]
+    assert {key: manifest[key] for key in toml("blender_manifest.toml")} == toml("blender_manifest.toml")
+
+
+def test_wheel_with_another_hash_is_not_taken(tmp_path: Path) -> None:
+    wheels = script("extension_wheels")
+    for name, version in wheels.pins("cp311").items():
+        (tmp_path / f"{name.replace('-', '_')}-{version}-py3-none-any.whl").write_bytes(b"not the pinned one")
+    assert wheels.wheels_in(tmp_path, "cp311") == []
+
+
+def test_wrong_manifest_is_refused_with_the_builders_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    building = script("build_extension")
+    source = building.manifest_source().replace(
+        "Smooth surface patches that", "Smooth surface patches, in a tagline too long, that"
+    )
+    monkeypatch.setattr(building, "manifest_source", lambda: source)
+    with pytest.raises(building.BuildError, match="tagline"):
+        building.build("nowheels", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_find_python_skips_what_does_not_run(tmp_path: Path) -> None:
+    """A shim that exists but fails must not be taken for a Python."""
+    wanted = f"{sys.version_info.major}.{sys.version_info.minor}"
+    shim = tmp_path / f"python{wanted}"
+    shim.write_text("#!/bin/sh\necho no such version >&2\nexit 127\n")
+    shim.chmod(0o755)
+    environ = {**os.environ, "PATH": f"{tmp_path}:{Path(sys.executable).parent}:{os.environ['PATH']}", "PYTHON": ""}
+    find = [str(CHECKOUT / "scripts" / "find_python.sh"), wanted]
+    found = subprocess.run(find, capture_output=True, text=True, env=environ, check=True).stdout.strip()
+    assert Path(found).parent != tmp_path
+    assert subprocess.run([found, "-c", "import sys"]).returncode == 0
+    missing = subprocess.run([find[0], "2.99"], capture_output=True, text=True, env=environ)
+    assert missing.returncode == 1
+    assert missing.stdout == ""
+    assert len(missing.stderr.splitlines()) == 1
