@@ -102,6 +102,8 @@ class Batch:
         Square roots of the observation weights, (B, 1, N); zero on padding.
     degrees
         Highest total degree of each problem, (B,).
+    triangles
+        Of all the domains, numbers of the flattened vertices, (B t, 3).
     energy
         Regularisation of all the domains, on the flattened vertices.
     laplacian
@@ -118,6 +120,7 @@ class Batch:
     values: Array
     root_weights: Array
     degrees: Indices
+    triangles: Indices
     energy: DomainEnergy
     laplacian: sp.csr_matrix
     observe: sp.csr_matrix
@@ -144,9 +147,9 @@ class Batch:
         return np.stack([self.by_problem(self.collect @ flat[0]), self.by_problem(self.collect @ flat[1])])
 
 
-def build_batch(problems: list[Problem]) -> Batch:
-    """Pad problems to common sizes and put them in their frames."""
-    frames = [problem.warm.frame if problem.warm else frame_of(problem) for problem in problems]
+def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
+    """Pad problems to common sizes and put them in their frames, turned to their principal axes or not."""
+    frames = [problem.warm.frame if problem.warm else frame_of(problem, turn) for problem in problems]
     count, most = len(problems), max(len(problem.domain) for problem in problems)
     faces = max(len(problem.triangles) for problem in problems)
     observations = max(len(problem.values) for problem in problems)
@@ -173,6 +176,7 @@ def build_batch(problems: list[Problem]) -> Batch:
         values,
         np.sqrt(weights),
         np.array([problem.degree for problem in problems]),
+        flat,
         energy,
         energy.laplacian(),
         observe,
@@ -192,14 +196,14 @@ def warm_starts(problems: list[Problem], start: Array) -> tuple[Array, Indices]:
     return domains, np.stack(supports)
 
 
-def frame_of(problem: Problem) -> Frame:
-    """Frame that puts a problem's initial domain into [-1, 1]^2, its axes along the signals' principal directions."""
-    turn = principal_axes(problem.domain, problem.signals)
-    turned = problem.domain @ turn
+def frame_of(problem: Problem, turn: bool = True) -> Frame:
+    """Frame that puts a problem's initial domain into [-1, 1]^2, turned to the signals' principal directions or not."""
+    axes = principal_axes(problem.domain, problem.signals) if turn else np.eye(2)
+    turned = problem.domain @ axes
     low, high = turned.min(axis=0), turned.max(axis=0)
     reach = float((high - low).max()) / 2.0
-    centre = (low + high) / 2.0 @ turn.T
-    return Frame(centre, turn, problem.signals.mean(axis=0), 1.0 / reach if reach > 0.0 else 1.0)
+    centre = (low + high) / 2.0 @ axes.T
+    return Frame(centre, axes, problem.signals.mean(axis=0), 1.0 / reach if reach > 0.0 else 1.0)
 
 
 def principal_axes(domain: Array, values: Array) -> Array:
@@ -222,8 +226,7 @@ def principal_axes(domain: Array, values: Array) -> Array:
         axes = -axes
     if np.linalg.det(axes) < 0.0:
         axes[:, 1] = -axes[:, 1]
-    # The layout in memory decides how products are rounded; this one does not change on the way to another process.
-    return np.ascontiguousarray(axes)
+    return np.asarray(axes)
 
 
 def _observation_matrix(problems: list[Problem], vertices: int, observations: int) -> sp.csr_matrix:

@@ -101,9 +101,13 @@ def sweep(
         for task, fitted in run(tasks):
             for patch, fit in zip(task.patches, fitted, strict=True):
                 blend.exchange(int(patch), fits[patch], fit)
-                # A sweep minimises another objective; the energy stays that of the patch by itself (eq. 3).
-                fits[patch] = replace(fit, energy=fits[patch].energy)
+                fits[patch] = _following(fit, fits[patch])
             yield len(fitted)
+
+
+def _following(fit: PatchFit, first: PatchFit) -> PatchFit:
+    """A sweep minimises another objective: what is told of the iterations stays that of the patch by itself (eq. 3)."""
+    return replace(fit, energy=first.energy, squared_error=first.squared_error, history=first.history)
 
 
 def sweep_task(blend: Blend, domains: Array, fits: list[PatchFit], settings: Settings, chunk: Indices) -> ChunkTask:
@@ -111,22 +115,32 @@ def sweep_task(blend: Blend, domains: Array, fits: list[PatchFit], settings: Set
     problems = []
     for k in map(int, chunk):
         own = patch_problems(blend.observations, domains, settings, k)
-        problems += _against_remainder(blend, own, fits[k], k)
+        problems += _against_remainder(blend, own, fits[k], k, settings.method == "default")
     return ChunkTask(chunk, problems, settings)
 
 
-def _against_remainder(blend: Blend, problems: list[Problem], fit: PatchFit, patch: int) -> list[Problem]:
-    """Change targets and weights so that least squares mean w0 (phi^2 |left / phi - h|^2 + gamma |data - h|^2)."""
+def _against_remainder(
+    blend: Blend, problems: list[Problem], fit: PatchFit, patch: int, anchored: bool
+) -> list[Problem]:
+    """Change targets and weights so that least squares mean w0 (phi^2 |left / phi - h|^2 + gamma |data - h|^2).
+
+    The paper's methods take eq. 6 as it is printed: without gamma, and with the small weights 1 / n_p^2 beside an
+    unchanged Q.  Otherwise (`anchored`) the weights keep their sum, and so their balance with Q.
+    """
     own = blend.observations.of_patch(patch)
     left = blend.remainder(patch, fit)
-    share = own.blending**2 + ANTI_DRIFT
+    anti_drift = ANTI_DRIFT if anchored else 0.0
+    share = own.blending**2 + anti_drift
     weights = own.weights * share
-    weights *= problems[0].weights.sum() / max(weights.sum(), 1e-300)
+    if anchored:
+        weights *= problems[0].weights.sum() / max(weights.sum(), 1e-300)
     signals = np.cumsum([0] + [problem.values.shape[1] for problem in problems])
     result = []
     for c, problem in enumerate(problems):
         part = slice(signals[c], signals[c + 1])
-        target = (own.blending[:, None] * left[:, part] + ANTI_DRIFT * problem.values) / share[:, None]
+        target = own.blending[:, None] * left[:, part] + anti_drift * problem.values
+        # Where the patch has no weight at all the target does not matter.
+        np.divide(target, share[:, None], out=target, where=share[:, None] > 0.0)
         warm = WarmStart(fit.frames[c], fit.domain[c], fit.support[part])
         result.append(replace(problem, values=target, weights=weights, warm=warm))
     return result

@@ -122,6 +122,26 @@ class Dictionary:
         values *= self.tables(domain[1])[..., j, :]
         return values
 
+    def sparse_values(
+        self, support: NDArray[np.int64], coefficients: NDArray[np.float64], domain: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Values of sparse combinations of the functions.
+
+        Parameters
+        ----------
+        support, coefficients
+            Chosen functions and their coefficients, (..., s).
+        domain
+            Parameters (2, ..., N), broadcast against the leading axes of `support`.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., N).
+        """
+        grid = coefficient_grid(self.degrees, support, coefficients, self.degree)
+        return combine(grid, self.tables(domain[0]), self.tables(domain[1]))
+
 
 def coefficient_grid(
     degrees: NDArray[np.int64], support: NDArray[np.int64], coefficients: NDArray[np.float64], degree: int

@@ -85,7 +85,13 @@ class MeshObservations:
     """
 
     def __init__(
-        self, mesh: TriangleMesh, patches: Patches, blending: Array, kind: str, weights: Array | None = None
+        self,
+        mesh: TriangleMesh,
+        patches: Patches,
+        blending: Array,
+        kind: str,
+        weights: Array | None = None,
+        inside: bool = True,
     ) -> None:
         """Gather the observations.
 
@@ -99,17 +105,20 @@ class MeshObservations:
             "partition" or "uniform".
         weights
             Weights of the vertices themselves, (V,); ones where None.
+        inside
+            Whether points inside the triangles are observed; the paper observes vertices alone.
         """
         self.patches, self.vertices = patches, mesh.vertices
         self._blending = blending
         self._weights = weights
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
-        inside = np.unique(patches.mesh_triangles[self._small[patches.triangle_patch]])
+        small = np.unique(patches.mesh_triangles[self._small[patches.triangle_patch]])
         corners = mesh.vertices[mesh.triangles]
-        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[inside]).reshape(-1, 3)
-        self.points = np.concatenate([mesh.vertices, corners.mean(axis=1), dense])
+        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[small]).reshape(-1, 3)
+        self.points = np.concatenate([mesh.vertices, corners.mean(axis=1), dense]) if inside else mesh.vertices
+        self._inside = inside
         self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
-        self._first_dense[inside] = len(mesh.vertices) + len(mesh.triangles) + 6 * np.arange(len(inside))
+        self._first_dense[small] = len(mesh.vertices) + len(mesh.triangles) + 6 * np.arange(len(small))
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 
@@ -121,12 +130,13 @@ class MeshObservations:
         count = vertices.stop - vertices.start
         small = bool(self._small[patch])
         samples = SURFACE_SAMPLES if small else CENTROID
+        samples = samples if self._inside else samples[:0]
         weight = SMALL_PATCH_INSIDE_WEIGHT if small else CENTROID_WEIGHT
         first = self._first_dense[mesh_triangles] if small else len(self.vertices) + mesh_triangles
         inside = (first[:, None] + np.arange(len(samples))).ravel()
         corners = np.concatenate([np.repeat(np.arange(count), 3).reshape(-1, 3), np.repeat(triangles, len(samples), axis=0)])
         shares = np.concatenate([np.tile([1.0, 0.0, 0.0], (count, 1)), np.tile(samples, (len(triangles), 1))])
-        own = np.concatenate([np.ones(count), np.full(len(inside), weight / len(samples))])
+        own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
         if self._weights is not None:
             own *= (self._weights[self.patches.vertices[vertices]][corners] * shares).sum(axis=1)
         blending = (self._blending[vertices][corners] * shares).sum(axis=1)

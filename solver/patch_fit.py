@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from . import paper_method, traditional, variable_projection
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .blending import fitting_weights
 from .dictionary import Dictionary
 from .observations import Observations
 from .patches import Patches
 from .settings import Settings
-from .variable_projection import Solution, final_weights, fitted_values, improve, solve
+from .solution import Solution
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -64,7 +65,11 @@ class PatchFit:
     values
         The patch's own surface at its observations, (N, 3), scene units.
     energy
-        Objective after each iteration, summed over the domains, in the patch's scale.
+        Objective after each iteration, (n,), summed over the domains, in the patch's scale.
+    squared_error
+        Sum over the observations of the squared distance from the data after each iteration, (n,), scene units.
+    history
+        The patch's surface at its vertices after each iteration, (n, m, 3); None unless the settings keep it.
     """
 
     frames: list[Frame]
@@ -74,6 +79,8 @@ class PatchFit:
     coefficients: Array
     values: Array
     energy: Array
+    squared_error: Array
+    history: Array | None = None
 
 
 def chunk_task(observations: Observations, domains: Array, settings: Settings, chunk: Indices) -> ChunkTask:
@@ -131,41 +138,28 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
     """Fit the patches of a chunk, on one thread."""
     settings = task.settings
     with threadpool_limits(1, user_api="blas"):
-        batch = build_batch(task.problems)
+        batch = build_batch(task.problems, turn=settings.method == "default")
         # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
         dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)
         solution = _solution(batch, dictionary, task)
+        observed = batch.observed(solution.domain)[:, :, None]
+        fitted = dictionary.sparse_values(solution.support, solution.coefficients, observed)
     each = len(task.problems) // len(task.patches)
-    energy = np.array(solution.energy).reshape(-1, batch.problems)
-    fitted = fitted_values(batch, solution.fit, dictionary)
-    fits = []
-    for k in range(0, batch.problems, each):
-        part, size = slice(k, k + each), batch.sizes[k]
-        frames = batch.frames[part]
-        support, coefficients = (a[part].reshape(3, -1) for a in (solution.fit.support, solution.fit.coefficients))
-        initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
-        count = len(task.problems[k].values)
-        points = [f.T / frame.scale + frame.origin for f, frame in zip(fitted[part], frames, strict=True)]
-        values = np.concatenate(points, axis=1)
-        fits.append(
-            PatchFit(
-                frames,
-                initial,
-                domain,
-                support,
-                coefficients,
-                np.ascontiguousarray(values[:count]),
-                energy[:, part].sum(axis=1),
-            )
-        )
-    return fits
+    return [
+        _patch_fit(batch, solution, fitted, len(task.problems[k].values), slice(k, k + each))
+        for k in range(0, batch.problems, each)
+    ]
 
 
 def _solution(batch: Batch, dictionary: Dictionary, task: ChunkTask) -> Solution:
-    """From scratch, or on from an earlier solution."""
+    """From scratch, or on from an earlier solution, by the method of the settings."""
     settings = task.settings
     if task.problems[0].warm is None:
-        return solve(
+        if settings.method == "paper":
+            return paper_method.solve(batch, dictionary, settings)
+        if settings.method == "traditional":
+            return traditional.solve(batch, dictionary, settings)
+        return variable_projection.solve(
             batch,
             dictionary,
             sparsity=settings.sparsity,
@@ -173,8 +167,39 @@ def _solution(batch: Batch, dictionary: Dictionary, task: ChunkTask) -> Solution
             beta1=settings.beta1,
             beta2=settings.beta2,
             pursuit=settings.pursuit,
+            automatic_sparsity=settings.automatic_sparsity,
+            keep_values=settings.keep_iterations,
         )
     domain, support = warm_starts(task.problems, batch.start)
-    weights = final_weights(settings.iterations, settings.beta1, settings.beta2)
     iterations = min(SWEEP_ITERATIONS, settings.iterations)
-    return improve(batch, dictionary, domain, support, iterations=iterations, weights=weights)
+    if settings.method == "paper":
+        return paper_method.improve(batch, dictionary, settings, domain, support, iterations)
+    if settings.method == "traditional":
+        return traditional.improve(batch, dictionary, settings, support)
+    weights = variable_projection.final_weights(settings.iterations, settings.beta1, settings.beta2)
+    return variable_projection.improve(batch, dictionary, domain, support, iterations=iterations, weights=weights)
+
+
+def _patch_fit(batch: Batch, solution: Solution, fitted: Array, observations: int, part: slice) -> PatchFit:
+    """Take the problems `part`, one patch's, out of a batch and back to scene units; `fitted` is (B, D, N)."""
+    size, frames, trace = batch.sizes[part.start], batch.frames[part], solution.trace
+    initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
+    scales = np.array([frame.scale for frame in frames])
+    history = [_in_scene_units(values[part, :, :size], frames) for values in trace.values]
+    return PatchFit(
+        frames,
+        initial,
+        domain,
+        solution.support[part].reshape(3, -1),
+        solution.coefficients[part].reshape(3, -1),
+        _in_scene_units(fitted[part, :, :observations], frames),
+        np.array([energy[part].sum() for energy in trace.energy]),
+        np.array([(squares[part] / scales**2).sum() for squares in trace.squared_error]),
+        np.stack(history) if history else None,
+    )
+
+
+def _in_scene_units(values: Array, frames: list[Frame]) -> Array:
+    """Points (N, 3) from values (C, 3 / C, N) in C frames."""
+    parts = [own.T / frame.scale + frame.origin for own, frame in zip(values, frames, strict=True)]
+    return np.ascontiguousarray(np.concatenate(parts, axis=1))

@@ -27,6 +27,7 @@ from .patches import build_patches
 from .progress import FINISH, Progress, Steps, run_to_end, within
 from .representation import Representation
 from .settings import Settings
+from .solution import summed_histories
 from .tolerance import RefinedSurface, keep_tolerance
 from .version import VERSION
 
@@ -55,6 +56,9 @@ class Approximation:
         Measures, counts and times; plain values only.
     representation
         What evaluates the surface anywhere.
+    history
+        The surface at the input's vertices after each iteration of the patches by themselves, (n, V, 3); None unless
+        `Settings.keep_iterations`.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -63,6 +67,7 @@ class Approximation:
     domain_stretch: Array
     report: dict[str, Any]
     representation: Representation
+    history: Array | None = None
 
 
 class Stopwatch:
@@ -165,11 +170,12 @@ def _approximate(
     with watch.stage("domains"):
         patches, domains = with_domains(mesh, patches, settings)
         blend = blending_weights(mesh, patches, settings.blending)
-    observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights)
+    inside = settings.observations == "centroids"
+    observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights, inside)
     surface = Blend(observations)
     with watch.stage("solve"):
         fits, hurry = yield from solve_patches(surface, domains, settings, crew, len(mesh.vertices))
-    energy = [float(total) for total in np.sum([fit.energy for fit in fits], axis=0)] if fits and not hurry else []
+    iterations = iteration_measures(fits)
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
             yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
@@ -184,7 +190,7 @@ def _approximate(
     with watch.stage("blend"):
         points = representation.at_vertices()
     yield Progress("Measuring", 0.98, vertices=points)
-    return _result(mesh, representation, points.astype(stored), energy, settings, kept, crew, watch)
+    return _result(mesh, representation, points.astype(stored), iterations, refined.fits, settings, kept, crew, watch)
 
 
 def _held_vertices(
@@ -251,7 +257,8 @@ def _result(
     mesh: TriangleMesh,
     representation: Representation,
     points: NDArray[Any],
-    energy: list[float],
+    iterations: dict[str, Any],
+    fits: list[PatchFit],
     settings: Settings,
     kept: dict[str, Any] | None,
     crew: Crew,
@@ -279,7 +286,7 @@ def _result(
             "seam_max": seam(representation),
             "representation_bytes": len(representation.stored),
             "normal_error_degrees": normal_error(mesh.vertices, points.astype(np.float64), mesh.triangles),
-            "energy": energy,
+            **iterations,
         }
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
     seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")}
@@ -300,7 +307,33 @@ def _result(
         "peak_memory_mb": crew.peak_memory_mb(),
         "workers": crew.workers,
     }
-    return Approximation(points, error, _strongest_patch(representation), stretch, report, representation)
+    history = _history(representation, fits)
+    return Approximation(points, error, _strongest_patch(representation), stretch, report, representation, history)
+
+
+def iteration_measures(fits: list[PatchFit]) -> dict[str, Any]:
+    """What is known of each iteration of the patches by themselves, before sweeps and blending.
+
+    The energy is in the patches' own scales; `patch_rms` is the root mean square distance from the data, scene units.
+    """
+    energy = summed_histories([fit.energy for fit in fits])
+    squares = summed_histories([fit.squared_error for fit in fits])
+    observations = max(sum(len(fit.values) for fit in fits), 1)
+    patch_rms = np.sqrt(squares / observations)
+    return {"energy": energy.tolist(), "iterations": {"energy": energy.tolist(), "patch_rms": patch_rms.tolist()}}
+
+
+def _history(representation: Representation, fits: list[PatchFit]) -> Array | None:
+    """The blended surface after each iteration, (n, V, 3), where the patches kept their own."""
+    histories = [fit.history for fit in fits if fit.history is not None]
+    if not histories or len(histories) < len(fits):
+        return None
+    count = max(len(history) for history in histories)
+    surfaces = []
+    for number in range(count):
+        values = np.concatenate([history[min(number, len(history) - 1)] for history in histories])
+        surfaces.append(representation.blend_at_vertices(values))
+    return np.stack(surfaces)
 
 
 def _strongest_patch(representation: Representation) -> NDArray[np.int32]:

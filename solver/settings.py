@@ -115,11 +115,27 @@ class Settings:
         zero="f = 0, as printed; the first iteration then selects nothing",
         data="f = b, the data",
     )
-    data_scaling: str = _choice(
-        "patch",
-        "Meaning of beta1 in the paper's iteration",
-        patch="Per vertex: the weight is divided by nothing and domain and values share the patch's scale",
-        printed="As printed, on the unitised model",
+    regularisation: str = _choice(
+        "printed",
+        "What beta1 and beta2 multiply in the paper's iteration (eq. 4)",
+        printed="Sums over a patch's vertices and triangles, as printed",
+        vertex="The same sums divided by the patch's number of vertices: a far freer domain",
+    )
+    rigidity_reference: str = _choice(
+        "initial",
+        "Domain from which the rigidity of the paper's iteration is measured",
+        initial="The initial domain: the whole transformation is kept rigid",
+        previous="The previous iteration's domain: each step is kept rigid, their sum may be large",
+    )
+    observations: str = _choice(
+        AUTOMATIC,
+        "Where a patch is compared with the surface",
+        auto="At vertices and triangle centres for the default method, at vertices for the paper's methods",
+        centroids="At vertices and triangle centres, so that nothing oscillates in between",
+        vertices="At vertices only, as in the paper. Less time; may oscillate between them",
+    )
+    keep_iterations: bool = _switch(
+        False, "Keep the surface after each iteration, as shape keys of the result. Takes memory"
     )
     tolerance: float = _number(
         0.0, 0.0, 1e12, "Largest allowed surface error in scene units; patches are refined until it is kept. 0: off"
@@ -144,6 +160,7 @@ class Settings:
             "blending": "partition" if own else "uniform",
             "basis": "legendre" if own else "monomial",
             "pursuit": "ols" if own else "omp",
+            "observations": "centroids" if own else "vertices",
         }
         changes: dict[str, Any] = {name: value for name, value in choices.items() if getattr(self, name) == AUTOMATIC}
         return replace(self, **changes)

@@ -142,7 +142,8 @@ def _lay_over(
     number = np.arange(count, len(surface.patches))
     new = surface.patches.select(number)
     own_weights = surface.weights[surface.patches.vertex_offsets[count] :]
-    observations = MeshObservations(mesh, new, own_weights, settings.blending, observation_weights)
+    inside = settings.observations == "centroids"
+    observations = MeshObservations(mesh, new, own_weights, settings.blending, observation_weights, inside)
     domains = initial_domains(mesh, new, settings.initial_domain)
     fits: dict[int, PatchFit] = {}
     channels = 3 if settings.domains == "separate" else 1

@@ -9,15 +9,17 @@ gets out of its way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .batch import Batch
+from .cross_validation import validated_sparsity
 from .dictionary import Dictionary, coefficient_grid, combine
 from .domain_energy import determinant, largest_step
 from .pursuit import least_squares_pursuit, matching_pursuit
+from .solution import Solution, Trace
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -62,7 +64,7 @@ class Fit:
 
 
 @dataclass
-class Solution:
+class State:
     """Where the solver stands: domains, supports and what they give.
 
     Attributes
@@ -71,13 +73,10 @@ class Solution:
         (2, B, m), in the problems' frames.
     fit
         Least squares over that domain.
-    energy
-        Objective of eq. 3 after each iteration, summed over a problem's signals, a list of (B,).
     """
 
     domain: Array
     fit: Fit
-    energy: list[Array] = field(default_factory=list)
 
 
 def solve(
@@ -89,6 +88,8 @@ def solve(
     beta1: float,
     beta2: float,
     pursuit: str = "ols",
+    automatic_sparsity: bool = False,
+    keep_values: bool = False,
 ) -> Solution:
     """Minimise eq. 3 for every problem of the batch.
 
@@ -108,20 +109,28 @@ def solve(
         Weights of eq. 4 at the first iteration; they decay geometrically.
     pursuit
         "ols" or "omp".
+    automatic_sparsity
+        Choose each signal's number of functions, up to `sparsity`, by cross-validation.
+    keep_values
+        Whether the trace keeps the values of every iteration.
 
     Returns
     -------
     Solution
     """
-    domain = batch.start.copy()
-    solution = Solution(domain, select(batch, dictionary, domain, sparsity, pursuit))
+    choose = select_validated if automatic_sparsity else select
+    state = State(batch.start.copy(), choose(batch, dictionary, batch.start, sparsity, pursuit))
+    trace = Trace(keep_values)
+    if iterations == 0:
+        _note(trace, batch, dictionary, state, state.fit.misfit)
     damping = np.zeros(batch.problems)
     for iteration in range(iterations):
         weights = (beta1 * PROXIMITY_DECAY**iteration, beta2 * RIGIDITY_DECAY**iteration)
         if iteration and iteration in RESELECT_AT:
-            reselect(batch, dictionary, solution, sparsity, pursuit)
-        solution.energy.append(step(batch, dictionary, solution, weights, damping))
-    return solution
+            anew = choose(batch, dictionary, state.domain, sparsity, pursuit)
+            state.fit = merge(_generalises(anew) < _generalises(state.fit), anew, state.fit)
+        _note(trace, batch, dictionary, state, step(batch, dictionary, state, weights, damping))
+    return _solution(state, trace)
 
 
 def improve(
@@ -146,11 +155,25 @@ def improve(
     weights
         beta1 and beta2 of eq. 4.
     """
-    solution = Solution(domain, least_squares(batch, dictionary, domain, support))
+    state = State(domain, least_squares(batch, dictionary, domain, support))
     damping = np.zeros(batch.problems)
     for _ in range(iterations):
-        solution.energy.append(step(batch, dictionary, solution, weights, damping))
-    return solution
+        step(batch, dictionary, state, weights, damping)
+    return _solution(state, Trace())
+
+
+def _note(trace: Trace, batch: Batch, dictionary: Dictionary, state: State, energy: Array) -> None:
+    fit = state.fit
+    trace.note(
+        batch,
+        energy,
+        fit.residual,
+        lambda: dictionary.sparse_values(fit.support, fit.coefficients, state.domain[:, :, None]),
+    )
+
+
+def _solution(state: State, trace: Trace) -> Solution:
+    return Solution(state.domain, state.fit.support, state.fit.coefficients, trace)
 
 
 def final_weights(iterations: int, beta1: float, beta2: float) -> tuple[float, float]:
@@ -161,21 +184,55 @@ def final_weights(iterations: int, beta1: float, beta2: float) -> tuple[float, f
 
 def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, pursuit: str) -> Fit:
     """Choose the functions for the given domains and fit them."""
-    weighted = dictionary.evaluate(batch.observed(domain))
-    weighted *= batch.root_weights
-    gram = np.matmul(weighted, weighted.transpose(0, 2, 1))
-    correlation = np.matmul(batch.values * batch.root_weights, weighted.transpose(0, 2, 1))
-    allowed = dictionary.degrees.sum(axis=1) <= batch.degrees[:, None]
+    gram, correlation = _normal_equations(*_weighted(batch, dictionary, domain))
+    allowed = _allowed(batch, dictionary)
     pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
     support = pursue(gram, correlation, min(sparsity, int(allowed.sum(axis=1).max())), allowed)
     return least_squares(batch, dictionary, domain, support)
 
 
-def reselect(batch: Batch, dictionary: Dictionary, solution: Solution, sparsity: int, pursuit: str) -> None:
-    """Choose the functions anew and keep the choice where it lowers the misfit."""
-    anew = select(batch, dictionary, solution.domain, sparsity, pursuit)
-    better = anew.misfit < solution.fit.misfit
-    solution.fit = merge(better, anew, solution.fit)
+def select_validated(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, pursuit: str) -> Fit:
+    """Choose the functions, and how many of them each signal needs, by cross-validation."""
+    weighted, values = _weighted(batch, dictionary, domain)
+    allowed = _allowed(batch, dictionary)
+    most = min(sparsity, int(allowed.sum(axis=1).max()))
+    wanted = validated_sparsity(weighted, values, most, allowed)
+    gram, correlation = _normal_equations(weighted, values)
+    support = np.full((*wanted.shape, most), -1, dtype=np.int64)
+    pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
+    for count in np.unique(wanted):
+        problem, signal = np.nonzero(wanted == count)
+        chosen = pursue(gram[problem], correlation[problem, signal][:, None], int(count), allowed[problem])
+        support[problem, signal, :count] = chosen[:, 0]
+    return least_squares(batch, dictionary, domain, support)
+
+
+def _weighted(batch: Batch, dictionary: Dictionary, domain: Array) -> tuple[Array, Array]:
+    """Dictionary (B, n, N) and signals (B, D, N) at the observations, weighted."""
+    functions = dictionary.evaluate(batch.observed(domain))
+    functions *= batch.root_weights
+    return functions, batch.values * batch.root_weights
+
+
+def _normal_equations(functions: Array, values: Array) -> tuple[Array, Array]:
+    transposed = functions.transpose(0, 2, 1)
+    return np.matmul(functions, transposed), np.matmul(values, transposed)
+
+
+def _allowed(batch: Batch, dictionary: Dictionary) -> NDArray[np.bool_]:
+    """Functions that each problem may use, (B, n)."""
+    return dictionary.degrees.sum(axis=1) <= batch.degrees[:, None]
+
+
+def _generalises(fit: Fit) -> Array:
+    """Generalised cross-validation score of each problem, (B,): the misfit, dearer the more functions it takes.
+
+    With equally many functions the order is that of the misfit (Golub, Heath, Wahba 1979).
+    """
+    observations = fit.residual.shape[1] * fit.residual.shape[2]
+    functions = (fit.support >= 0).sum(axis=(1, 2))
+    score: Array = fit.misfit / np.maximum(observations - functions, 1) ** 2
+    return score
 
 
 def merge(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
@@ -222,28 +279,28 @@ def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: 
 
 
 def step(
-    batch: Batch, dictionary: Dictionary, solution: Solution, weights: tuple[float, float], damping: Array
+    batch: Batch, dictionary: Dictionary, state: State, weights: tuple[float, float], damping: Array
 ) -> Array:
-    """One damped Gauss-Newton step of every problem; returns the energies (B,) and updates `solution` and `damping`."""
+    """One damped Gauss-Newton step of every problem; returns the energies (B,) and updates `state` and `damping`."""
     beta1, beta2 = weights
     energy = batch.energy
-    flat = solution.domain.reshape(2, -1)
+    flat = state.domain.reshape(2, -1)
     jacobian = energy.jacobian(flat)
-    before = solution.fit.misfit + regularisation(batch, flat, jacobian, weights)
-    gradient = function_gradient(batch, dictionary, solution.fit)
-    force = batch.collected(np.einsum("cbdn,bdn->cbn", gradient, solution.fit.residual)).reshape(2, -1)
+    before = state.fit.misfit + regularisation(batch, flat, jacobian, weights)
+    gradient = function_gradient(batch, dictionary, state.fit)
+    force = batch.collected(np.einsum("cbdn,bdn->cbn", gradient, state.fit.residual)).reshape(2, -1)
     force -= beta1 * (flat - energy.start) + 0.5 * beta2 * energy.rigidity_gradient(jacobian)
-    move = _conjugate_gradients(batch, solution.fit.orthonormal, gradient, weights, damping, force)
+    move = _conjugate_gradients(batch, state.fit.orthonormal, gradient, weights, damping, force)
     change = energy.jacobian(move)
     limit = batch.by_problem(largest_step(jacobian, change, DETERMINANT_FLOOR)).min(axis=1)
     length = np.minimum(1.0, STEP_SHARE * limit)
-    domain = solution.domain + length[:, None] * batch.by_problem(move)
-    fit = least_squares(batch, dictionary, domain, solution.fit.support)
+    domain = state.domain + length[:, None] * batch.by_problem(move)
+    fit = least_squares(batch, dictionary, domain, state.fit.support)
     moved = domain.reshape(2, -1)
     after = fit.misfit + regularisation(batch, moved, energy.jacobian(moved), weights)
     better = after < before
-    solution.domain = np.where(better[:, None], domain, solution.domain)
-    solution.fit = merge(better, fit, solution.fit)
+    state.domain = np.where(better[:, None], domain, state.domain)
+    state.fit = merge(better, fit, state.fit)
     damping[:] = np.where(better, damping * 0.3, np.maximum(damping, 1e-3) * 8.0)
     return np.where(better, after, before)
 
@@ -263,12 +320,6 @@ def function_gradient(batch: Batch, dictionary: Dictionary, fit: Fit) -> Array:
     along_u = combine(grid, dictionary.derivative_tables(u_table), v_table)
     along_v = combine(grid, u_table, dictionary.derivative_tables(v_table))
     return np.stack([along_u, along_v]) * batch.root_weights
-
-
-def fitted_values(batch: Batch, fit: Fit, dictionary: Dictionary) -> Array:
-    """Values of the fitted functions at the observations, (B, D, N), in the problems' frames."""
-    grid = coefficient_grid(dictionary.degrees, fit.support, fit.coefficients, dictionary.degree)
-    return combine(grid, fit.tables[0][:, None], fit.tables[1][:, None])
 
 
 def _conjugate_gradients(

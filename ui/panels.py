@@ -19,10 +19,10 @@ from .presets import SPARSE_SURFACE_PT_presets
 
 MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
 DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "fine_creases", "pin_boundary")
-DICTIONARY = ("basis", "pursuit", "automatic_sparsity")
-PAPER = ("rho", "tau", "initial_fit", "data_scaling")
+DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
+PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
 SWEEPS = ("sweeps", "blending")
-OUTPUT = ("workers",)
+OUTPUT = ("keep_iterations", "workers")
 
 
 class SidebarPanel:

@@ -32,7 +32,7 @@ CHOICE_NAMES = {
     "separate": "Domain per Coordinate",
     "partition": "Partition of Unity",
     "data": "Data",
-    "patch": "Per Patch",
+    "vertex": "Per Vertex",
     "printed": "As Printed",
 }
 

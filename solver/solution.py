@@ -1,0 +1,87 @@
+"""What every patch solver returns: domains, sparse coefficients, and what happened on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .batch import Batch
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass
+class Trace:
+    """What a solver notes after each of its iterations; with none, of its start.
+
+    Attributes
+    ----------
+    energy
+        Objective of eq. 3 with the weights of that iteration, a list of (B,).
+    squared_error
+        Sum over the observations of the squared misfit, not weighted, a list of (B,).
+    values
+        Fitted values at the vertices, a list of (B, D, m); empty unless `keep_values`.
+    keep_values
+        Whether values are kept.
+
+    All in the problems' frames.
+    """
+
+    keep_values: bool = False
+    energy: list[Array] = field(default_factory=list)
+    squared_error: list[Array] = field(default_factory=list)
+    values: list[Array] = field(default_factory=list)
+
+    def note(self, batch: Batch, energy: Array, residual: Array, values: Callable[[], Array]) -> None:
+        """Write down an iterate.
+
+        Parameters
+        ----------
+        batch
+            The problems.
+        energy
+            (B,).
+        residual
+            Weighted misfit at the observations, (B, D, N).
+        values
+            Gives the fitted values at the vertices, (B, D, m); called only where they are kept.
+        """
+        misfit = np.divide(residual, batch.root_weights, out=np.zeros_like(residual), where=batch.root_weights > 0.0)
+        self.energy.append(energy)
+        self.squared_error.append(np.einsum("bdn,bdn->b", misfit, misfit))
+        if self.keep_values:
+            self.values.append(values())
+
+
+def summed_histories(histories: list[Array]) -> Array:
+    """Sum what patches noted after each iteration; one that ended earlier stays at its last entry."""
+    count = max((len(history) for history in histories), default=0)
+    total = np.zeros(count)
+    for history in histories:
+        total += np.pad(history, (0, count - len(history)), mode="edge")
+    return total
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Fitted problems.
+
+    Attributes
+    ----------
+    domain
+        (2, B, m), in the problems' frames.
+    support, coefficients
+        (B, D, s); support -1 and coefficient zero where fewer functions are used.
+    trace
+        The way to them.
+    """
+
+    domain: Array
+    support: Indices
+    coefficients: Array
+    trace: Trace
