@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,3 +39,19 @@ def load_model(shared_model: Callable[[str], Path]) -> Callable[[str], Model]:
         return read_ply(path) if path.suffix == ".ply" else read_obj(path)
 
     return load
+
+
+@pytest.fixture
+def living_children() -> Callable[[], set[int]]:
+    """Return a function that gives the process numbers of this process's living children."""
+    if not Path("/proc/self/stat").exists():
+        pytest.skip("looks at processes through /proc")
+    return lambda: {int(stat.parent.name) for stat in Path("/proc").glob("[0-9]*/stat") if _is_own_child(stat)}
+
+
+def _is_own_child(stat: Path) -> bool:
+    try:
+        state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+    except OSError:  # it has just ended
+        return False
+    return int(parent) == os.getpid() and state != "Z"

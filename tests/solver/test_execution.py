@@ -1,0 +1,157 @@
+"""Whoever fits the chunks, the result is the same to the last bit."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import pytest
+from sparse_surface.solver import Approximation, Settings, approximate, approximate_steps, models
+from sparse_surface.solver.errors import WorkerError
+from sparse_surface.solver.execution import TASKS_AHEAD, Crew, crew_for
+from sparse_surface.solver.executor import WorkerExecutor, physical_cores
+from sparse_surface.solver.progress import FINISH, run_to_end
+
+SETTINGS = {"ring": 4, "degree": 7, "sparsity": 8, "iterations": 4}
+
+
+def mesh() -> tuple[np.ndarray, np.ndarray]:
+    return models.cube()
+
+
+def content(result: Approximation) -> dict[str, Any]:
+    """Everything that may not depend on who did the work."""
+    arrays = {
+        name: value.tobytes() for name, value in vars(result.representation).items() if isinstance(value, np.ndarray)
+    }
+    keep = {k: v for k, v in result.report.items() if k not in ("seconds", "peak_memory_mb", "workers", "settings")}
+    return {"vertices": result.vertices.tobytes(), "error": result.error.tobytes(), "report": keep, **arrays}
+
+
+@pytest.fixture(scope="module")
+def alone() -> dict[str, Any]:
+    return content(approximate(*mesh(), Settings(**SETTINGS, workers=1)))
+
+
+def test_two_workers_give_the_same_bytes(alone: dict[str, Any]) -> None:
+    result = approximate(*mesh(), Settings(**SETTINGS, workers=2))
+    assert result.report["workers"] == 2
+    assert content(result) == alone
+
+
+@pytest.mark.parametrize("kind", ["threads", "processes", "own"])
+def test_any_executor_gives_the_same_bytes(alone: dict[str, Any], kind: str) -> None:
+    with executor_of(kind) as executor:
+        assert content(approximate(*mesh(), Settings(**SETTINGS), executor=executor)) == alone
+        assert executor.submit(abs, -1).result() == 1, "the caller's executor lives on"
+
+
+def executor_of(kind: str) -> Executor:
+    if kind == "threads":
+        return ThreadPoolExecutor(2)
+    if kind == "processes":
+        return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+    return WorkerExecutor(3)
+
+
+def test_separate_domains_give_the_same_bytes() -> None:
+    settings = {**SETTINGS, "domains": "separate", "iterations": 2}
+    one, two = (approximate(*mesh(), Settings(**settings, workers=n)) for n in (1, 2))
+    assert content(one) == content(two)
+
+
+def test_finished_work_leaves_nothing(living_children: Callable[[], set[int]]) -> None:
+    before = living_children()
+    result = run_to_end(approximate_steps(*mesh(), Settings(**SETTINGS, workers=2)))
+    assert living_children() <= before
+    assert np.isfinite(result.vertices).all()
+
+
+def test_work_finished_early_leaves_nothing(living_children: Callable[[], set[int]]) -> None:
+    before = living_children()
+    result = run_to_end(approximate_steps(*mesh(), Settings(**SETTINGS, workers=2)), lambda _: FINISH)
+    assert living_children() <= before
+    assert np.isfinite(result.vertices).all()
+
+
+def test_cancelled_work_leaves_nothing(living_children: Callable[[], set[int]]) -> None:
+    before = living_children()
+    with closing(approximate_steps(*mesh(), Settings(**SETTINGS, workers=2))) as steps:
+        assert any(step.stage == "Solving patches" for step in steps)
+        assert len(living_children() - before) == 2
+    assert living_children() <= before
+
+
+def test_refused_input_leaves_nothing(living_children: Callable[[], set[int]]) -> None:
+    before = living_children()
+    with pytest.raises(ValueError, match=r"finite|number|NaN"):
+        approximate(np.full((5000, 3), np.nan), np.array([[0, 1, 2]]), Settings(workers=2))
+    assert living_children() <= before
+
+
+def test_with_one_worker_no_process_is_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr("subprocess.Popen", refuse)
+    approximate(*mesh(), Settings(**SETTINGS, workers=1))
+
+
+@pytest.mark.parametrize(
+    ("asked", "vertices", "expected"),
+    [(1, 10**6, 1), (0, 100, 1), (0, 10**6, physical_cores()), (3, 100, 3)],
+)
+def test_the_number_of_workers(asked: int, vertices: int, expected: int) -> None:
+    with crew_for(asked, vertices) as crew:
+        assert crew.workers == expected
+        assert (crew.executor is None) == (expected == 1)
+
+
+class Slow(Executor):
+    """Runs nothing by itself; counts what is handed in."""
+
+    def __init__(self) -> None:
+        self.handed: list[Future[Any]] = []
+
+    def submit(self, function: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.handed.append(future)
+        return future
+
+
+def test_only_a_few_tasks_wait_and_leaving_cancels_them() -> None:
+    slow, made = Slow(), []
+
+    def tasks() -> Iterator[Any]:
+        for number in range(100):
+            made.append(number)
+            yield number
+
+    results = Crew(slow, 3).run(tasks())
+    threading.Timer(0.2, lambda: slow.handed[0].set_result([])).start()
+    assert next(results) == (0, [])
+    assert len(made) == 3 * TASKS_AHEAD
+    results.close()
+    assert all(future.cancelled() for future in slow.handed[1:])
+
+
+def test_results_come_in_the_order_of_the_tasks() -> None:
+    slow = Slow()
+
+    def finish() -> None:
+        for number, future in reversed(list(enumerate(slow.handed))):
+            future.set_result([number])
+
+    threading.Timer(0.2, finish).start()
+    assert list(Crew(slow, 4).run(range(5))) == [(n, [n]) for n in range(5)]
+
+
+def test_a_failure_in_a_worker_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sparse_surface.solver.child.sys.executable", "/no/such/python")
+    with pytest.raises(WorkerError, match="started"):
+        approximate(*mesh(), Settings(**SETTINGS, workers=2))
