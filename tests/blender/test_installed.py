@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import sys
 import tomllib
 from pathlib import Path
@@ -10,6 +11,8 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
+from scipy.sparse import csc_matrix
 
 PACKAGE = "bl_ext.user_default.sparse_surface"
 
@@ -41,6 +44,32 @@ def test_wheels_are_unpacked_where_blender_looks(extension, user_folder):
     assert not list(unpacked.glob("python*/site-packages/numpy"))
     wrong = "cp313" if sys.version_info < (3, 13) else "cp311"
     assert not list(unpacked.glob(f"python*/site-packages/scipy/**/*{wrong.removeprefix('cp')}*.so"))
+
+
+def test_wheels_need_nothing_that_is_not_there(extension, user_folder):
+    """A wheel's newer release may ask for one package more, which no user has."""
+    folders = list((user_folder / "extensions" / ".local" / "lib").glob("python*/site-packages"))
+    if not folders:
+        pytest.skip("this zip has no wheels")
+    brought = {
+        found.name: found for found in importlib.metadata.distributions(path=[str(folder) for folder in folders])
+    }
+    assert set(brought) == {"scipy", "scikit-learn", "joblib", "threadpoolctl"}
+    for found in brought.values():
+        for line in found.requires or []:
+            requirement = Requirement(line)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                assert requirement.name in {*brought, "numpy"}, f"{found.name} needs {requirement.name}"
+                version = np.__version__ if requirement.name == "numpy" else brought[requirement.name].version
+                assert version in requirement.specifier, (found.name, line)
+
+
+def test_what_the_wheels_bring_can_be_used():
+    from scipy.sparse.linalg import spsolve
+    from sklearn.linear_model import orthogonal_mp
+
+    assert spsolve(csc_matrix(np.diag([2.0, 4.0])), np.array([2.0, 8.0])).tolist() == [1.0, 2.0]
+    assert np.argmax(np.abs(orthogonal_mp(np.eye(3), np.array([0.0, 5.0, 1.0]), n_nonzero_coefs=1))) == 1
 
 
 def test_the_installed_solver_solves():
