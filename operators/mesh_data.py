@@ -34,6 +34,7 @@ _LAYERS = (
     (PATCH, "INT", "POINT", "value"),
     (DOMAIN_STRETCH, "FLOAT", "FACE", "value"),
 )
+_OTHER_NAME = "{} (source)"
 _LAYER = {name: (kind, domain, value) for name, kind, domain, value in _LAYERS}
 
 
@@ -230,25 +231,21 @@ def create_result(
     """
     made_from = _unchanged_source(source, context)
     mesh = _copy_mesh(made_from, source, context)
-    name = result_name(made_from.name)
-    mesh.name = name
+    mesh.name = name = result_name(made_from.name)
     set_positions(mesh, source.lengths.to_local(result.vertices))
-    write_layers(
-        mesh,
-        {
-            ERROR: result.error,
-            ERROR_COLOUR: scale.colours(result.error),
-            PATCH: result.patch,
-            DOMAIN_STRETCH: result.domain_stretch,
-        },
-    )
-    earlier = bpy.data.objects.get(name) if replace else None
-    if earlier is not None and earlier.type == "MESH" and REPORT in earlier and earlier.library is None:
-        made = _exchange_mesh(earlier, mesh)
-    else:
+    made = _take_over_earlier(name, mesh) if replace else None
+    if made is None:
         made = bpy.data.objects.new(name, mesh)
         link_beside(made, made_from, context)
     place_like(made, made_from)
+    _rename_groups(made)
+    layers = {
+        ERROR: result.error,
+        ERROR_COLOUR: scale.colours(result.error),
+        PATCH: result.patch,
+        DOMAIN_STRETCH: result.domain_stretch,
+    }
+    write_layers(mesh, layers)
     made[REPORT] = json.loads(json.dumps(result.report))  # plain values only, as Blender stores them
     store_scale(made, scale)
     return made
@@ -276,6 +273,9 @@ def _copy_mesh(made_from: Object, source: Source, context: Context) -> Mesh:
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     else:
         mesh = bpy.data.meshes.new_from_object(made_from)
+    for index, slot in enumerate(made_from.material_slots[: len(mesh.materials)]):
+        if slot.link == "OBJECT":
+            mesh.materials[index] = slot.material
     if not same_topology(source.arrays, mesh):
         bpy.data.meshes.remove(mesh)
         raise InputError(f"'{made_from.name}' was edited while it was being approximated; its result is dropped.")
@@ -311,11 +311,10 @@ def _make_layer(mesh: Mesh, name: str) -> None:
     if there is not None and (there.data_type, there.domain) == (kind, domain):
         return
     if there is not None:
-        there.name = f"{name} (source)"
-    made = mesh.attributes.new(name, kind, domain)
-    if made.name != name:  # a vertex group has the name
-        mesh.attributes.remove(made)
-        raise InputError(f"The vertex group '{name}' has the name of a result's attribute; rename it first.")
+        there.name = _OTHER_NAME.format(name)
+    mesh.attributes.new(name, kind, domain)
+    if name not in mesh.attributes:
+        raise InputError(f"A vertex group has the name '{name}', which the heat map needs; rename it first.")
 
 
 def _show_colours(mesh: Mesh) -> None:
@@ -331,13 +330,23 @@ def read_error(mesh: Mesh) -> NDArray[np.float32]:
     return errors
 
 
-def _exchange_mesh(earlier: Object, mesh: Mesh) -> Object:
-    old = earlier.data
-    earlier.data = mesh
+def _take_over_earlier(name: str, mesh: Mesh) -> Object | None:
+    """Put a mesh into the result object of this name, if there is one, and return that object."""
+    earlier = bpy.data.objects.get(name)
+    if earlier is None or earlier.type != "MESH" or REPORT not in earlier or earlier.library is not None:
+        return None
+    old, earlier.data = earlier.data, mesh
     if old.users == 0:
         bpy.data.meshes.remove(old)
-    mesh.name = earlier.name
+    mesh.name = name
     return earlier
+
+
+def _rename_groups(made: Object) -> None:
+    """Leave the names of the result's layers to attributes: Blender allows no attribute of a vertex group's name."""
+    for name in _LAYER:
+        if name in made.vertex_groups:
+            made.vertex_groups[name].name = _OTHER_NAME.format(name)
 
 
 def link_beside(made: Object, beside: Object, context: Context) -> None:

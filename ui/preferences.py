@@ -11,6 +11,10 @@ from ..operators.requirements import missing_packages, package_versions
 from ..solver.settings import PRESETS
 
 
+def _take_preset(own: AddonPreferences, context: Context) -> None:
+    apply_default_preset()
+
+
 class SparseSurfacePreferences(AddonPreferences):
     bl_idname = ADD_ON
 
@@ -27,7 +31,7 @@ class SparseSurfacePreferences(AddonPreferences):
         description="Settings of a scene in which none was ever changed",
         items=[(name, name.title(), "") for name in PRESETS],
         default="default",
-        update=lambda self, context: apply_default_preset(),
+        update=_take_preset,
     )
 
     def draw(self, context: Context) -> None:

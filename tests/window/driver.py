@@ -168,13 +168,12 @@ def running() -> Any:
 
 
 def children() -> list[int]:
-    """Return the process numbers of this process's children (Linux only)."""
+    """Return the process numbers of the solver's processes, workers of workers too (where there is /proc)."""
     found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
+    for command in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
-            fields = status.read_text().rpartition(")")[2].split()
-            if int(fields[1]) == os.getpid() and fields[0] != "Z":
-                found.append(int(status.parent.name))
+            if b"worker.py" in command.read_bytes():
+                found.append(int(command.parent.name))
     return found
 
 
