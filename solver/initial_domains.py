@@ -32,6 +32,7 @@ METHODS = ("lscm", "harmonic", "tutte")
 _CHUNK = 20_000  # vertices factorised together; bounds the memory
 _WIDEST_BAND = 80  # beyond that a general sparse factorisation is faster
 _SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
+_UNUSABLE_RATIO = 1e-6
 _SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
 
 
@@ -77,23 +78,41 @@ def solve_initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "l
     return InitialDomains(points, chosen)
 
 
-def squeeze(mesh: TriangleMesh, patches: Patches, domains: Floats) -> Floats:
-    """Return how much the worst part of each domain is squeezed, (K,).
+@dataclass(frozen=True, eq=False)
+class DomainQuality:
+    """How evenly the domains hold their surfaces.
 
-    The 2nd percentile of the triangles' area ratio (domain / surface) against the median: 1 for an isometric domain,
-    small where a finger of the surface lies in a narrow spot of the domain.  Below 0.1 a patch should be split.
+    Attributes
+    ----------
+    squeeze
+        The 2nd percentile of the triangles' area ratio (domain / surface) against the median, (K,): 1 for an isometric
+        domain, small where a finger of the surface lies in a narrow spot of the domain.  Below 0.1 a patch should be
+        split.
+    unusable
+        Domains with a triangle of no area to speak of, (K,).  The tip of a long thin finger gets next to nothing in
+        the domain of the plane that it stands on, by any method.  Such a patch has to be split.
     """
-    result = np.zeros(len(patches))
+
+    squeeze: Floats
+    unusable: Booleans
+
+
+def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Floats) -> DomainQuality:
+    """Tell how evenly each domain, (M, 2), holds its surface."""
+    squeeze, unusable = np.zeros(len(patches)), np.zeros(len(patches), dtype=bool)
     for low, high in _chunk_bounds(patches.vertex_offsets):
         part = patches.select(np.arange(low, high))
         rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
-        ratio = _area_ratios(_Geometry.of(mesh, part), part, domains[rows])
-        ranked = ratio[np.lexsort((ratio, part.triangle_patch))]
+        ratio = np.maximum(_area_ratios(_Geometry.of(mesh, part), part, domains[rows]), 0.0)
+        # One sort for all patches: the number of the patch before the point, the ratio squeezed into [0, 1) behind it.
+        ranked = np.sort(part.triangle_patch + ratio / (1.0 + ratio)) - part.triangle_patch
         first, sizes = part.triangle_offsets[:-1], np.diff(part.triangle_offsets)
         worst = ranked[first + (0.02 * (sizes - 1)).astype(np.int64)]
         median = ranked[first + (sizes - 1) // 2]
-        np.divide(worst, median, out=result[low:high], where=median > 0)
-    return result
+        worst, median = worst / (1.0 - worst), median / (1.0 - median)
+        np.divide(worst, median, out=squeeze[low:high], where=median > 0)
+        unusable[low:high] = ranked[first] < _UNUSABLE_RATIO
+    return DomainQuality(squeeze, unusable)
 
 
 def _chunk_bounds(offsets: Integers) -> list[tuple[int, int]]:

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from sparse_surface.solver import initial_domains as module
 from sparse_surface.solver import models
+from sparse_surface.solver.adaptive import with_domains
 from sparse_surface.solver.boundary import boundary_loops
 from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.initial_domains import METHODS, initial_domains, solve_initial_domains, squeeze
+from sparse_surface.solver.initial_domains import METHODS, domain_quality, initial_domains, solve_initial_domains
 from sparse_surface.solver.mesh import TriangleMesh, build_mesh, triangle_areas
 from sparse_surface.solver.patches import Patches, build_patches
+from sparse_surface.solver.settings import Settings
 
 
 def patches_of(mesh: TriangleMesh, ring: int = 7) -> Patches:
@@ -24,6 +26,10 @@ def one_patch(vertices: np.ndarray, faces: np.ndarray) -> tuple[TriangleMesh, Pa
     assert len(patches) == 1
     np.testing.assert_array_equal(patches.vertices, np.arange(len(vertices)))
     return mesh, patches
+
+
+def squeeze(mesh: TriangleMesh, patches: Patches, points: np.ndarray) -> np.ndarray:
+    return domain_quality(mesh, patches, points).squeeze
 
 
 def areas_of(points: np.ndarray, patches: Patches) -> np.ndarray:
@@ -186,6 +192,31 @@ def test_a_finger_is_squeezed_and_that_is_told():
     assert squeezed[0] < 0.1
     flat_mesh, flat_patches = one_patch(*flat_sheet())
     assert squeeze(flat_mesh, flat_patches, initial_domains(flat_mesh, flat_patches))[0] == pytest.approx(1.0)
+
+
+def test_squeeze_is_what_a_loop_over_patches_says():
+    mesh = build_mesh(*models.lens())
+    patches = patches_of(mesh)
+    points = initial_domains(mesh, patches, "tutte")
+    ratio = areas_of(points, patches) / triangle_areas(mesh.vertices, mesh.triangles)[patches.mesh_triangles]
+    for k, value in enumerate(squeeze(mesh, patches, points)):
+        ranked = np.sort(ratio[patches.triangle_offsets[k] : patches.triangle_offsets[k + 1]])
+        last = len(ranked) - 1
+        assert value == pytest.approx(ranked[int(0.02 * last)] / ranked[last // 2])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_finger_that_no_domain_can_hold_is_split(method):
+    mesh = build_mesh(*models.finger(30, 41))
+    patches = patches_of(mesh, 30)
+    domains = initial_domains(mesh, patches, method)
+    assert domain_quality(mesh, patches, domains).unusable.any()
+    settings = Settings(ring=30, initial_domain=method, adaptive=False)
+    split, domains = with_domains(mesh, patches, settings)
+    assert not domain_quality(mesh, split, domains).unusable.any()
+    assert not split.passed_through.any()
+    assert areas_of(domains, split).min() > 0
+    assert split.rings.max() == 30  # the others stay
 
 
 def test_what_a_method_turns_over_or_flattens_gets_the_next_one(monkeypatch):
