@@ -1,0 +1,145 @@
+"""Run the scripts of tests/window in a real Blender window.
+
+    python scripts/test_window.py                        every script in every Blender that is found
+    python scripts/test_window.py test_panel             one of them
+
+The Blender is the executable that the environment variable BLENDER names (it needs a display), or else the tool
+../shared/tools/real-blender in its versions 5.2 and 4.3.  The extension is installed from the built zip into an empty
+user folder, and each script gets a Blender of its own.  Pictures and logs are left in out/window/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from build_extension import CHECKOUT, WITHOUT_WHEELS, BuildError, WheelError, build, this_platform
+
+SCRIPTS = CHECKOUT / "tests" / "window"
+OUT = CHECKOUT / "out" / "window"
+TOOL = CHECKOUT.parent / "shared" / "tools" / "real-blender"
+TOOL_VERSIONS = ("5.2", "4.3")
+TIMEOUT = 600
+
+
+@dataclass(frozen=True)
+class Executable:
+    """A Blender that is installed on this machine."""
+
+    path: str
+    name: str = "blender"
+
+    # An official Blender comes without SciPy.
+    zip_kind = this_platform()
+
+    def install(self, zip_path: Path, home: Path) -> None:
+        command = [self.path, "--command", "extension", "install-file", "-r", "user_default", "-e", str(zip_path)]
+        subprocess.run(command, check=True, env=self.environ(home), timeout=TIMEOUT)
+
+    def run(self, script: Path, folder: Path, home: Path, log: Path) -> int:
+        command = [self.path, "--enable-event-simulate", "--python-exit-code", "1", "--python", str(script)]
+        with log.open("wb") as file:
+            done = subprocess.run(
+                [*command, "--", str(folder)], stdout=file, stderr=file, env=self.environ(home), timeout=TIMEOUT
+            )
+        return done.returncode
+
+    @staticmethod
+    def environ(home: Path) -> dict[str, str]:
+        return {**os.environ, "BLENDER_USER_RESOURCES": str(home)}
+
+
+@dataclass(frozen=True)
+class ToolVersion:
+    """A Blender that the tool runs, with the system's Python and SciPy, in a screen of its own."""
+
+    version: str
+
+    zip_kind = WITHOUT_WHEELS
+
+    @property
+    def name(self) -> str:
+        return f"blender-{self.version}"
+
+    def install(self, zip_path: Path, home: Path) -> None:
+        # Does nothing where it is set up already.
+        subprocess.run([str(TOOL), self.version, "setup"], check=True, stdout=subprocess.DEVNULL)
+        # The options come before Blender's own arguments.
+        command = [str(TOOL), self.version, "run", "--home", str(home), "--bind", str(zip_path.parent)]
+        install = ["--command", "extension", "install-file", "-r", "user_default", "-e", str(zip_path)]
+        subprocess.run([*command, *install], check=True, timeout=TIMEOUT)
+
+    def run(self, script: Path, folder: Path, home: Path, log: Path) -> int:
+        options = ["--home", str(home), "--bind", str(folder), "--shot", str(folder / "end.png")]
+        command = [str(TOOL), self.version, "gui", str(script), *options, "--timeout", str(TIMEOUT)]
+        with log.open("wb") as file:
+            done = subprocess.run(
+                [*command, "--enable-event-simulate", "--", str(folder)], stdout=file, stderr=file, cwd=CHECKOUT
+            )
+        return done.returncode
+
+
+def blenders() -> list[Executable | ToolVersion]:
+    """Return the Blenders to test on, none where there is none."""
+    named = os.environ.get("BLENDER")
+    if named:
+        return [Executable(named)]
+    return [ToolVersion(version) for version in TOOL_VERSIONS] if TOOL.exists() else []
+
+
+def run_scripts(blender: Executable | ToolVersion, scripts: list[Path]) -> list[tuple[str, int, float]]:
+    """Install the extension afresh and run every script; returns name, exit code and seconds of each."""
+    place = OUT / blender.name
+    shutil.rmtree(place, ignore_errors=True)
+    home = place / "home"
+    home.mkdir(parents=True)
+    blender.install(build(blender.zip_kind, place), home)
+    outcomes = []
+    for script in scripts:
+        folder = place / script.stem
+        folder.mkdir()
+        start = time.perf_counter()
+        try:
+            code = blender.run(script, folder, home, folder / "log.txt")
+        except subprocess.TimeoutExpired:
+            code = 124
+        outcomes.append((script.stem, code, time.perf_counter() - start))
+        log = (folder / "log.txt").read_text(encoding="utf-8", errors="replace")
+        if code != 0:
+            print(log[-6000:], flush=True)
+        passed = sum(line.startswith("passed ") for line in log.splitlines())
+        verdict = "ok" if code == 0 else f"FAILED (exit code {code})"
+        print(f"{blender.name}  {script.stem}: {verdict}, {passed} tests, {outcomes[-1][2]:.0f} s", flush=True)
+    shutil.rmtree(home)
+    return outcomes
+
+
+def main(arguments: list[str] | None = None) -> int:
+    every = sorted(path.stem for path in SCRIPTS.glob("test_*.py"))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scripts", nargs="*", choices=[[], *every], metavar="SCRIPT", help=", ".join(every))
+    options = parser.parse_args(arguments)
+    found = blenders()
+    if not found:
+        print("There is no Blender with a window: name one with BLENDER=/path/to/blender.", file=sys.stderr)
+        return 1
+    codes: list[int] = []
+    try:
+        for blender in found:
+            scripts = [SCRIPTS / f"{name}.py" for name in options.scripts or every]
+            codes += [code for _, code, _ in run_scripts(blender, scripts)]
+    except (BuildError, WheelError, OSError, subprocess.SubprocessError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"{codes.count(0)} passed, {len(codes) - codes.count(0)} failed")
+    return 0 if codes and not any(codes) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
