@@ -17,6 +17,7 @@ from .assembly import channels_of
 from .blending import blending_weights
 from .consistency import Blend, sweep
 from .cover import build_cover
+from .creases import crease_edges
 from .errors import InputError
 from .execution import Crew, crew_for
 from .mesh import TriangleMesh, build_mesh
@@ -59,6 +60,8 @@ class Approximation:
     history
         The surface at the input's vertices after each iteration of the patches by themselves, (n, V, 3); None unless
         `Settings.keep_iterations`.
+    creases
+        Edges that the optimisation treats as creases, pairs of vertices (E, 2); None unless `Settings.mark_creases`.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -68,6 +71,7 @@ class Approximation:
     report: dict[str, Any]
     representation: Representation
     history: Array | None = None
+    creases: Indices | None = None
 
 
 class Stopwatch:
@@ -308,7 +312,9 @@ def _result(
         "workers": crew.workers,
     }
     history = _history(representation, fits)
-    return Approximation(points, error, _strongest_patch(representation), stretch, report, representation, history)
+    creases = crease_edges(representation, mesh) if settings.mark_creases else None
+    strongest = _strongest_patch(representation)
+    return Approximation(points, error, strongest, stretch, report, representation, history, creases)
 
 
 def iteration_measures(fits: list[PatchFit]) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class Settings:
         soft=(3, 60),
     )
     automatic_sparsity: bool = _switch(
-        False, "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Twice the time"
+        False, "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Up to four times the time"
     )
     domains: str = _choice(
         "common",
@@ -143,7 +143,7 @@ class Settings:
     adaptive: bool = _switch(
         True, "Split patches whose initial domain is badly squeezed into smaller rings before solving"
     )
-    fine_creases: bool = _switch(False, "Split domain triangles along creases: sharper creases, more time")
+    mark_creases: bool = _switch(False, "Mark the edges that the optimisation treats as creases as sharp on the result")
     pin_boundary: bool = _switch(False, "Keep the vertices of open borders where they are")
     workers: int = _number(
         0, 0, 256, "Processes that solve patches. 0: one for each physical core; 1: all in this process", soft=(0, 32)

@@ -18,7 +18,7 @@ from ..operators.status import duration_text, remaining_text
 from .presets import SPARSE_SURFACE_PT_presets
 
 MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
-DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "fine_creases", "pin_boundary")
+DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "mark_creases", "pin_boundary")
 DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
 PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
 SWEEPS = ("sweeps", "blending")
