@@ -1,0 +1,203 @@
+"""Denoising a mesh: the steps in order, as one computation that tells its progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SettingsError
+from ..mesh import TriangleMesh, build_mesh
+from ..progress import FINISH, Progress, Steps, run_to_end, within
+from .noise_level import STRONG, estimate_noise_level, mean_edge_length
+from .normal_filter import filter_normals, smooth_normals
+from .one_sided_patches import PatchFitter, PatchRule
+from .patch_average import PatchAverage
+from .surface import Surface, build_surface, normals_and_areas
+from .vertex_update import LARGEST_MOVE, fill_in, move_to_planes, update_directions
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int64]
+
+CLEAN = 0.03
+"""Noise below this share of the mean edge length is taken for the mesh's own relief and left alone."""
+
+LARGEST_STRENGTH = 10.0
+
+_FINE = PatchRule(sizes=(14, 28, 56, 112, 224), normal_width=0.12, largest_change=3.0, misfit_power=1.0)
+_COARSE = PatchRule(sizes=(250,), normal_width=0.3, largest_change=3.0, misfit_power=4.0)
+_LARGE = PatchRule(sizes=(60, 120, 250, 500), normal_width=0.15, largest_change=3.0, misfit_power=1.0)
+
+_COVERAGE = 6  # patches over each triangle that are enough
+_BATCHES = 8
+_GOLDEN = 0.6180339887498949
+_STEPS_DOWN = 3
+
+
+@dataclass(frozen=True)
+class Denoised:
+    """A mesh without its noise.
+
+    Attributes
+    ----------
+    vertices
+        Positions, (V, 3), of the input's floating-point type; the very input where the mesh is clean.
+    noise_level
+        Standard deviation of the noise along the surface's normals that was taken off, in scene units; 0 where the
+        mesh was left alone.
+    estimated_noise_level
+        What the mesh itself tells of its noise, in scene units, whatever was asked for.
+    relative_noise
+        `noise_level` over the mean edge length.
+    displacement
+        How far each vertex moved, (V,), in scene units.
+    """
+
+    vertices: NDArray[np.floating[Any]]
+    noise_level: float
+    estimated_noise_level: float
+    relative_noise: float
+    displacement: Floats
+
+
+def denoise(
+    vertices: ArrayLike,
+    faces: ArrayLike | list[list[int]],
+    *,
+    noise_level: float | None = None,
+    strength: float = 1.0,
+    triangles: tuple[Indices, Indices] | None = None,
+    report: Callable[[Progress], str | None] | None = None,
+) -> Denoised:
+    """Take the noise off a mesh and keep its creases.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) positions in scene units.
+    faces
+        (F, n) vertex numbers, or a list of polygons.
+    noise_level
+        Standard deviation of the noise along the surface's normals, in scene units; None estimates it, and leaves a
+        clean mesh alone.
+    strength
+        Multiplies the noise level, from 0 (nothing moves) to 10.
+    triangles
+        A triangulation of the faces that is known already: corners (T, 3) and face numbers (T,).
+    report
+        Called with each `Progress`.
+
+    Raises
+    ------
+    InputError
+        When the mesh cannot be worked on (see `build_mesh`).
+    SettingsError
+        When the noise level or the strength lies outside of its range.
+    """
+    steps = denoise_steps(vertices, faces, noise_level=noise_level, strength=strength, triangles=triangles)
+    return run_to_end(steps, report)
+
+
+def denoise_steps(
+    vertices: ArrayLike,
+    faces: ArrayLike | list[list[int]],
+    *,
+    noise_level: float | None = None,
+    strength: float = 1.0,
+    triangles: tuple[Indices, Indices] | None = None,
+) -> Steps[Denoised]:
+    """Do the work of `denoise` step by step.
+
+    Sent `FINISH`, it makes do with fewer patches from then on.
+    """
+    _check(noise_level, strength)
+    given = np.asarray(vertices)
+    mesh = build_mesh(given, faces, triangles)
+    yield Progress("Estimating the noise", 0.0)
+    surface = build_surface(mesh)
+    estimated = estimate_noise_level(mesh, surface)
+    asked = strength * (estimated if noise_level is None else noise_level)
+    edge = mean_edge_length(mesh)
+    if asked == 0 or edge == 0 or (noise_level is None and asked < CLEAN * edge):
+        unmoved = given.copy() if np.issubdtype(given.dtype, np.floating) else mesh.vertices.copy()
+        return Denoised(unmoved, 0.0, estimated, 0.0, np.zeros(len(given)))
+    moved, level = yield from within(_without_noise(mesh, surface, asked), 0.05, 1.0)
+    result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
+    displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
+    return Denoised(result, level, estimated, level / edge, displacement)
+
+
+def _check(noise_level: float | None, strength: float) -> None:
+    if noise_level is not None and not 0.0 <= noise_level < np.inf:
+        raise SettingsError(f"The noise level must be a length of 0 or more, not {noise_level!r}.")
+    if not 0.0 <= strength <= LARGEST_STRENGTH:
+        raise SettingsError(f"The strength must be a number from 0 to {LARGEST_STRENGTH:g}, not {strength!r}.")
+
+
+def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float) -> Steps[tuple[Floats, float]]:
+    """Return the moved vertices, and the noise level that was used in the end."""
+    used = mesh.vertices[mesh.triangles]
+    centre, scale = used.mean(axis=(0, 1)), mesh.longest_side
+    noisy = (mesh.vertices - centre) / scale
+    noise_level = asked / scale
+    relative = asked / mean_edge_length(mesh)
+    fraction = 0.0
+    for step in range(_STEPS_DOWN + 1):
+        end = fraction + 0.8 * (1.0 - fraction)
+        moved, directions = yield from within(_pass(surface, noisy, noise_level, relative), fraction, end)
+        along = np.abs(((moved - noisy) * directions).sum(axis=1))[mesh.used[: len(noisy)]]
+        # Noise moves half of the vertices by less than 0.67 of its level; more means that shape was taken for noise.
+        if step == _STEPS_DOWN or np.median(along) <= noise_level:
+            break
+        noise_level, relative, fraction = noise_level / 2, relative / 2, end
+    held = (moved == noisy).all(axis=1)
+    return np.where(held[:, None], mesh.vertices, moved * scale + centre), noise_level * scale
+
+
+def _pass(surface: Surface, noisy: Floats, noise_level: float, relative: float) -> Steps[tuple[Floats, Floats]]:
+    """Return vertices without noise of the given level, and their normals."""
+    yield Progress("Filtering normals", 0.0)
+    if relative < STRONG:
+        normals, rules = filter_normals(surface, noisy, noise_level), [_FINE]
+    else:
+        normals, rules = smooth_normals(surface, noisy), [_COARSE, _LARGE]
+    for number, rule in enumerate(rules):
+        fitting = _average_of_patches(surface, noisy, normals, noise_level, rule)
+        average = yield from within(fitting, 0.05 + 0.9 * number / len(rules), 0.05 + 0.9 * (number + 1) / len(rules))
+        normals = average.normals(normals)
+    yield Progress("Moving vertices", 0.95)
+    _, areas = normals_and_areas(noisy, surface.triangles)
+    directions = update_directions(normals, areas, surface, len(noisy))
+    planes = average.planes()
+    moved = move_to_planes(noisy, planes, directions, noise_level)
+    moved = fill_in(noisy, moved, planes[2] > 0, surface, normals, LARGEST_MOVE * noise_level)
+    return moved, directions
+
+
+def _average_of_patches(
+    surface: Surface, noisy: Floats, normals: Floats, noise_level: float, rule: PatchRule
+) -> Steps[PatchAverage]:
+    """Fit patches until each triangle lies in enough of them: few on plain sides, many where patches stay small."""
+    fitter = PatchFitter(surface, noisy, normals, noise_level, rule)
+    average = PatchAverage(len(surface.triangles), len(noisy), rule.misfit_power)
+    order = _scattered(np.flatnonzero(normals.any(axis=1)))
+    request = None
+    for batch in range(_BATCHES):
+        seeds = order[batch::_BATCHES]
+        seeds = seeds[average.coverage[seeds] < (_COVERAGE if request != FINISH else 1)]
+        for start in range(0, len(seeds), fitter.chunk):
+            done = (batch + start / len(seeds)) / _BATCHES
+            answer = yield Progress("Fitting one-sided patches", done)
+            request = answer or request
+            for fits in fitter.fits(seeds[start : start + fitter.chunk]):
+                average.add(fits)
+    return average
+
+
+def _scattered(numbers: Integers) -> Integers:
+    """Return the numbers in an order any beginning of which is spread evenly over them."""
+    return numbers[np.argsort(np.arange(len(numbers)) * _GOLDEN % 1.0, kind="stable")]

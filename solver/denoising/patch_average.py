@@ -1,0 +1,108 @@
+"""What overlapping patches say together: normals of triangles, and at each vertex the planes it should lie on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .one_sided_patches import Fits
+from .surface import unit
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_BUFFER = 1 << 19  # entries that are summed up at once
+_SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_CERTAIN = 0.5  # weight from which a patch counts as covering a triangle
+
+
+class _Sums:
+    """Sums of rows of numbers that belong to `count` places, in the order in which they come."""
+
+    def __init__(self, count: int, columns: int) -> None:
+        self._sums = np.zeros((count, columns))
+        self._places: list[Integers] = []
+        self._rows: list[Floats] = []
+        self._waiting = 0
+
+    def add(self, places: Integers, rows: Floats) -> None:
+        self._places.append(places)
+        self._rows.append(rows)
+        self._waiting += len(places)
+        if self._waiting > _BUFFER:
+            self._flush()
+
+    def total(self) -> Floats:
+        self._flush()
+        return self._sums
+
+    def _flush(self) -> None:
+        if self._places:
+            places, rows = np.concatenate(self._places), np.concatenate(self._rows)
+            for column in range(rows.shape[1]):
+                self._sums[:, column] += np.bincount(places, rows[:, column], len(self._sums))
+        self._places, self._rows, self._waiting = [], [], 0
+
+
+class PatchAverage:
+    """Averages of what patches say, each weighted with how well it knows: the inverse of its variance there.
+
+    Parameters
+    ----------
+    triangle_count, vertex_count
+        Size of the mesh.
+    misfit_power
+        How strongly a patch loses weight whose residuals are larger than the noise.
+    """
+
+    def __init__(self, triangle_count: int, vertex_count: int, misfit_power: float) -> None:
+        self._misfit_power = misfit_power
+        self._normals = _Sums(triangle_count, 3)
+        self._planes = _Sums(vertex_count, 10)
+        self.coverage = np.zeros(triangle_count, dtype=np.int64)
+
+    def add(self, fits: Fits) -> None:
+        """Take patches in; those that are not sound say nothing."""
+        fits = fits.select(fits.sound)
+        if not len(fits):
+            return
+        trust = np.maximum(fits.misfit, 1.0) ** -self._misfit_power
+        at_triangle = fits.triangles >= 0
+        weight = fits.triangle_weights * trust[:, None] / _spread(fits.triangle_terms, fits.variance)
+        rows = fits.triangle_normals * weight[..., None]
+        self._normals.add(fits.triangles[at_triangle], rows[at_triangle])
+        at_vertex = fits.vertex_weights > 0
+        weight = (fits.vertex_weights * trust[:, None] / _spread(fits.vertex_terms, fits.variance))[at_vertex]
+        normals = fits.vertex_normals[at_vertex]
+        products = np.stack([normals[:, i] * normals[:, j] for i, j in _SYMMETRIC], axis=1)
+        targets = normals * fits.offsets[at_vertex][:, None]
+        rows = np.concatenate((products, targets, np.ones((len(normals), 1))), axis=1) * weight[:, None]
+        self._planes.add(fits.vertices[at_vertex], rows)
+        covered = fits.triangles[(fits.triangle_weights > _CERTAIN) & at_triangle]
+        self.coverage += np.bincount(covered, minlength=len(self.coverage))
+
+    def normals(self, guide: Floats) -> Floats:
+        """Return the triangles' averaged normals, (T, 3); the guide's where no patch says anything."""
+        averaged = unit(self._normals.total())
+        return np.where((averaged == 0).all(axis=1)[:, None], guide, averaged)
+
+    def planes(self) -> tuple[Floats, Floats, Floats]:
+        """Return what the vertices should satisfy in the mean.
+
+        Returns
+        -------
+        Mean of n n^T over the planes at each vertex, (V, 3, 3), of n d with d the distance to the plane along n,
+        (V, 3), and the total weight, (V,), 0 where no patch says anything.
+        """
+        sums = self._planes.total()
+        weight = sums[:, 9]
+        mean = sums[:, :9] / np.where(weight > 0, weight, 1.0)[:, None]
+        matrices = np.empty((len(sums), 3, 3))
+        for column, (i, j) in enumerate(_SYMMETRIC):
+            matrices[:, i, j] = matrices[:, j, i] = mean[:, column]
+        return matrices, mean[:, 6:9], weight
+
+
+def _spread(terms: Floats, variance: Floats) -> Floats:
+    """Variance of the fitted heights where the terms were taken, for noise of variance 1."""
+    return np.maximum(((terms @ variance) * terms).sum(axis=2), 1e-12)
