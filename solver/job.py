@@ -86,6 +86,13 @@ def approximate_arrays(arrays: MeshArrays, settings: Settings) -> Steps[Approxim
 
 
 @dataclass(frozen=True)
+class StoredRepresentation:
+    """A representation as the content of a file; nothing of it has been looked at (see `storage.from_bytes`)."""
+
+    stored: bytes
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What a job brings back: the fields of `Approximation` of the same names."""
 
@@ -94,6 +101,7 @@ class Outcome:
     patch: NDArray[np.int32]
     domain_stretch: NDArray[np.float64]
     report: dict[str, Any]
+    representation: StoredRepresentation
 
 
 _INPUT_ARRAYS = ("vertices", "corners", "sizes", "triangles", "triangle_polygons", "weights")
@@ -213,7 +221,8 @@ class Job:
     def _read_outcome(self) -> Outcome:
         arrays = {name: np.load(self.folder / f"result_{name}.npy", allow_pickle=False) for name in _RESULT_ARRAYS}
         report = json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
-        return Outcome(**arrays, report=report)
+        stored = (self.folder / "representation.npz").read_bytes()
+        return Outcome(**arrays, report=report, representation=StoredRepresentation(stored))
 
     def _reason_of_death(self) -> str:
         with open(self.folder / "log.txt", "rb") as log:
@@ -267,6 +276,7 @@ def _run(folder: Path, send: Callable[..., None], requests: _Requests) -> None:
     result = run_to_end(steps, _Reporter(folder, send, requests, job["previews"]))
     for name in _RESULT_ARRAYS:
         np.save(folder / f"result_{name}.npy", getattr(result, name), allow_pickle=False)
+    result.representation.save(folder / "representation.npz")
     (folder / "report.json").write_text(json.dumps(result.report), encoding="utf-8")
 
 
