@@ -226,7 +226,8 @@ def principal_axes(domain: Array, values: Array) -> Array:
         axes = -axes
     if np.linalg.det(axes) < 0.0:
         axes[:, 1] = -axes[:, 1]
-    return np.asarray(axes)
+    # The layout in memory decides how products are rounded; this one does not change on the way to another process.
+    return np.ascontiguousarray(axes)
 
 
 def _observation_matrix(problems: list[Problem], vertices: int, observations: int) -> sp.csr_matrix:
