@@ -6,6 +6,7 @@ import ast
 import importlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -215,3 +216,22 @@ def test_find_python_skips_what_does_not_run(tmp_path: Path) -> None:
     assert missing.returncode == 1
     assert missing.stdout == ""
     assert len(missing.stderr.splitlines()) == 1
+
+
+def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
+    source, files = tmp_path / "source", script("build_extension").package_files()
+    for path in [*files, Path("pyproject.toml"), Path("README.md"), Path("blender_manifest.toml")]:
+        (source / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(CHECKOUT / path, source / path)
+    (source / "tests").mkdir()
+    (source / "tests" / "test_x.py").write_text("")
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*pip, f"--wheel-dir={tmp_path}", str(source)], check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        names = {name.removeprefix("sparse_surface/") for name in file.namelist() if name.startswith("sparse_surface/")}
+        assert {name.partition("/")[0] for name in file.namelist()} == {
+            "sparse_surface",
+            f"sparse_surface-{toml('pyproject.toml')['project']['version']}.dist-info",
+        }
+    assert names == {path.as_posix() for path in files if path.name != "LICENSE"} | {"blender_manifest.toml"}
