@@ -106,7 +106,7 @@ class MeshObservations:
         weights
             Weights of the vertices themselves, (V,); ones where None.
         inside
-            Whether points inside the triangles are observed; the paper observes vertices alone.
+            Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
         """
         self.patches, self.vertices = patches, mesh.vertices
         self._blending = blending
@@ -148,5 +148,5 @@ class MeshObservations:
             shares,
             own,
             blending,
-            SMALL_PATCH_DEGREE if small else ANY_DEGREE,
+            SMALL_PATCH_DEGREE if small and self._inside else ANY_DEGREE,
         )

@@ -116,7 +116,8 @@ def _line_search(
     waiting = active.copy()
     for _ in range(SHORTENINGS):
         trial = np.where(waiting[:, None], point + length[:, None] * direction, new_point)
-        trial_value, trial_gradient = objective(trial)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step that is far too long
+            trial_value, trial_gradient = objective(trial)
         pays = waiting & (trial_value <= value + SUFFICIENT_DECREASE * length * slope)
         new_point[pays], new_value[pays], new_gradient[pays] = trial[pays], trial_value[pays], trial_gradient[pays]
         waiting &= ~pays
