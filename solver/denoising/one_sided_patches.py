@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .patch_growth import Agreement, Claims, GrowingPatches, chunk_size
+from .patch_growth import Claims, GrowingPatches, agreeing_neighbours, chunk_size
 from .surface import Surface, unit
 
 Floats = NDArray[np.float64]
@@ -26,7 +25,6 @@ Booleans = NDArray[np.bool_]
 TERMS = 6  # 1, u, v, u^2, u v, v^2
 FEWEST_VERTICES = 8  # with fewer, or with less weight than that of so many, a quadratic says nothing
 
-_PASSES = 2
 _RESIDUAL_WIDTH = 2.0  # noise levels
 _RIM_TAPER = 0.7  # how much less a vertex at the rim weighs than one at the seed
 _RIDGE = 1e-4
@@ -57,11 +55,14 @@ class PatchRule:
     misfit_power: float
 
     @property
-    def agreement(self) -> Agreement:
-        """Which triangles join a patch."""
-        across = np.clip(2.5 * self.normal_width, 0.35, 1.2)
-        from_seed = max(2.5 * self.normal_width, 0.7)
-        return Agreement(float(np.cos(across)), float(np.cos(from_seed)))
+    def least_cosine_across(self) -> float:
+        """Of the angle between the normals of neighbours that join."""
+        return float(np.cos(np.clip(2.5 * self.normal_width, 0.35, 1.2)))
+
+    @property
+    def least_cosine_from_seed(self) -> float:
+        """Of the angle between a triangle's normal and the seed's."""
+        return float(np.cos(max(2.5 * self.normal_width, 0.7)))
 
 
 @dataclass(frozen=True)
@@ -70,57 +71,65 @@ class Fits:
 
     Attributes
     ----------
-    seeds
-        Triangles that the patches started from, (P,).
     triangles, vertices
         Members, (P, K) and (P, L).
     frames
         Columns: two tangents and the normal of the seed, (P, 3, 3).
+    lengths
+        Unit of u and v, (P,).
     coefficients
-        Of 1, u, v, u^2, u v, v^2 for the height, (P, 6); u and v in units of the seed's size.
+        Of 1, u, v, u^2, u v, v^2 for the height, (P, 6).
     gram
         Weighted products of the terms, (P, 6, 6).
     variance
         Covariance of the coefficients for noise of variance 1, (P, 6, 6).
-    vertex_weights
-        Weights in [0, 1], (P, L), zero on padding.
+    at_triangle, at_vertex
+        (u, v) of the centroids, (P, 2, K), and of the vertices, (P, 2, L).
     triangle_weights
         How well the quadratic follows the guiding normals, (P, K), zero on padding.
-    vertex_terms, triangle_terms
-        The terms at vertices and centroids, (P, L, 6) and (P, K, 6).
-    vertex_normals, triangle_normals
-        The quadratic's normals there in space, (P, L, 3) and (P, K, 3).
-    offsets
-        Signed distance along the normal from each vertex to the quadratic, (P, L).
+    vertex_weights
+        Weights in [0, 1], (P, L), zero on padding.
+    residuals
+        Heights of the vertices above the quadratic, (P, L).
     misfit
         Mean squared residual over that of the noise, (P,).
     sound
         Patches with enough vertices to say something, (P,).
     """
 
-    seeds: Integers
     triangles: Integers
     vertices: Integers
     frames: Floats
+    lengths: Floats
     coefficients: Floats
     gram: Floats
     variance: Floats
-    vertex_weights: Floats
+    at_triangle: Floats
+    at_vertex: Floats
     triangle_weights: Floats
-    vertex_terms: Floats
-    triangle_terms: Floats
-    vertex_normals: Floats
-    triangle_normals: Floats
-    offsets: Floats
+    vertex_weights: Floats
+    residuals: Floats
     misfit: Floats
     sound: Booleans
 
     def select(self, which: Booleans) -> Fits:
         """Return some of the patches."""
+        if which.all():
+            return self
         return Fits(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
     def __len__(self) -> int:
-        return len(self.seeds)
+        return len(self.triangles)
+
+    def spread(self, at: Floats) -> Floats:
+        """Return the variance of the heights at (u, v), (P, 2, N), for noise of variance 1, (P, N)."""
+        terms = quadratic_terms(at)
+        return np.maximum(np.einsum("pin,pin->pn", self.variance @ terms, terms), 1e-12)
+
+    def normals(self, at: Floats) -> Floats:
+        """Return the quadratics' unit normals in space at (u, v), (P, 2, N): (P, N, 3)."""
+        local = local_normals(at, self.coefficients, self.lengths)
+        return local.transpose(0, 2, 1) @ self.frames.transpose(0, 2, 1)
 
 
 class PatchFitter:
@@ -140,23 +149,26 @@ class PatchFitter:
 
     def __init__(self, surface: Surface, vertices: Floats, guide: Floats, noise_level: float, rule: PatchRule) -> None:
         self.chunk = chunk_size(max(len(surface.triangles), len(vertices)))
-        self._surface, self._vertices, self._guide = surface, vertices, guide
+        self._triangles, self._vertices, self._guide = surface.triangles, vertices, guide
         self._noise_level, self._rule = noise_level, rule
+        self._neighbours = agreeing_neighbours(surface.neighbours, guide, rule.least_cosine_across)
         corners = vertices[surface.triangles]
         self._centroids = corners.mean(axis=1)
-        self._unit_length = 3 * np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        self._unit_length = np.maximum(3 * sides.mean(axis=1), 1e-300)
         self._triangle_claims = Claims(self.chunk, len(surface.triangles))
         self._vertex_claims = Claims(self.chunk, len(vertices))
 
     def fits(self, seeds: Integers) -> Iterator[Fits]:
         """Yield the patches of at most `chunk` seeds, each at the largest size that the rule lets it have."""
+        rule = self._rule
         growing = GrowingPatches(
-            self._surface.neighbours, self._guide, seeds, self._rule.agreement, self._triangle_claims
+            self._neighbours, self._guide, seeds, rule.least_cosine_from_seed, self._triangle_claims
         )
         active = np.ones(len(seeds), dtype=bool)
         smaller: Fits | None = None
         before = growing.sizes.copy()
-        for limit in self._rule.sizes:
+        for limit in rule.sizes:
             growing.grow(limit, active)
             larger = self._fit(seeds, active, growing)
             if smaller is not None:
@@ -167,7 +179,7 @@ class PatchFitter:
             smaller, before = larger, growing.sizes.copy()
             if not active.any():
                 break
-        if smaller is not None and len(smaller):
+        if smaller is not None:
             yield smaller
         self._triangle_claims.clear()
 
@@ -177,63 +189,58 @@ class PatchFitter:
         return (moved < self._rule.largest_change) | ~smaller.sound
 
     def _fit(self, seeds: Integers, active: Booleans, growing: GrowingPatches) -> Fits:
+        """Fit the active patches as they have grown: weights from the guide first, then from the fit itself."""
         rows, members = growing.members(active)
-        rows = (np.cumsum(active) - 1)[rows]
-        seeds = seeds[active]
-        triangles, slots = _padded(rows, members, len(seeds))
-        vertices, corner_slots = self._vertices_of(rows, members, len(seeds))
-        frames = _frames(self._guide[seeds])
-        length = self._unit_length[seeds]
-        at_vertex, height = self._local(vertices, self._vertices, seeds, frames, length)
-        at_triangle, _ = self._local(triangles, self._centroids, seeds, frames, length)
-        guide = self._guide[triangles] @ frames
-        present = (vertices >= 0).astype(np.float64)
-        vertex_terms = _terms(at_vertex) * present[..., None]
-        extent = _mean(at_vertex, present)
-        rim = np.where(present > 0, (at_vertex**2).sum(axis=2), 0.0)
-        taper = present * (1 - _RIM_TAPER * rim / np.maximum(rim.max(axis=1), 1e-300)[:, None])
-        ridge = _RIDGE * _INVARIANT * np.stack([1e-2 + 0 * extent, extent, extent] + 3 * [extent**2], axis=1)
-        like = _welsch((guide - np.array([0.0, 0.0, 1.0])) ** 2, max(0.35, 1.5 * self._rule.normal_width))
-        weights = taper
-        for last in [False] * (_PASSES - 1) + [True]:
-            pooled = np.bincount(corner_slots, np.repeat(like[rows, slots], 3), vertices.size).reshape(vertices.shape)
-            weights = weights * pooled / np.maximum(pooled.max(axis=1, keepdims=True), 1e-300)
-            gram, regular, variance, coefficients = _solve(vertex_terms, weights, height, ridge)
-            if last:
-                coefficients = _shrink_curvature(coefficients, regular, variance * self._noise_level**2)
-            residual = height - (vertex_terms @ coefficients[..., None])[..., 0]
-            triangle_normals = _normals(at_triangle, coefficients, length)
-            like = _welsch((triangle_normals - guide) ** 2, self._rule.normal_width) * (triangles >= 0)
-            if not last:
-                weights = taper * _welsch((residual**2)[..., None], _RESIDUAL_WIDTH * self._noise_level)
-        normals = _normals(at_vertex, coefficients, length)
-        total = weights.sum(axis=1)
-        effective = total**2 / np.maximum((weights**2).sum(axis=1), 1e-300)
-        spread = (weights * residual**2).sum(axis=1) / np.maximum(total, 1e-300)
-        spread /= np.maximum(1 - TERMS / np.maximum(effective, TERMS + 1), 1e-300) * self._noise_level**2
+        rows, seeds = (np.cumsum(active) - 1)[rows], seeds[active]
+        triangles, columns = _padded(rows, members, len(seeds))
+        vertices, corner_places = self._vertices_of(rows, members, len(seeds))
+        frames, lengths = _frames(self._guide[seeds]), self._unit_length[seeds]
+        at_vertex, heights = self._local(vertices, self._vertices, seeds, frames)
+        at_triangle, _ = self._local(triangles, self._centroids, seeds, frames)
+        guide = (self._guide[triangles] @ frames).transpose(0, 2, 1)
+        terms = quadratic_terms(at_vertex)
+        taper, ridge = _taper_and_ridge(at_vertex, vertices >= 0)
+
+        def weights(triangle_weights: Floats, vertex_weights: Floats) -> Floats:
+            """A vertex counts as much as the triangles around it, and as itself."""
+            each = np.repeat(triangle_weights[rows, columns], 3)
+            pooled = np.bincount(corner_places, each, vertices.size).reshape(vertices.shape)
+            return vertex_weights * pooled / np.maximum(pooled.max(axis=1, keepdims=True), 1e-300)
+
+        upright = np.array([0.0, 0.0, 1.0])[:, None]
+        first = weights(_welsch(guide - upright, max(0.35, 1.5 * self._rule.normal_width)), taper)
+        coefficients = _least_squares(terms, first, heights, ridge)[0]
+        residuals = heights - _values(terms, coefficients)
+        like = _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
+        near = _welsch(residuals[:, None], _RESIDUAL_WIDTH * self._noise_level)
+        final = weights(like, taper * near)
+        coefficients, gram, regular = _least_squares(terms, final, heights, ridge)
+        variance = _variance(terms, final, regular)
+        coefficients = _shrink_curvature(coefficients, regular, variance * self._noise_level**2)
+        residuals = heights - _values(terms, coefficients)
+        like = _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
+        effective, misfit = _quality(final, residuals / self._noise_level)
         return Fits(
-            seeds=seeds,
             triangles=triangles,
             vertices=vertices,
             frames=frames,
+            lengths=lengths,
             coefficients=coefficients,
             gram=gram,
             variance=variance,
-            vertex_weights=weights,
-            triangle_weights=like,
-            vertex_terms=vertex_terms,
-            triangle_terms=_terms(at_triangle),
-            vertex_normals=normals @ frames.transpose(0, 2, 1),
-            triangle_normals=triangle_normals @ frames.transpose(0, 2, 1),
-            offsets=-residual * normals[..., 2],
-            misfit=spread,
+            at_triangle=at_triangle,
+            at_vertex=at_vertex,
+            triangle_weights=like * (triangles >= 0),
+            vertex_weights=final,
+            residuals=residuals,
+            misfit=misfit,
             sound=effective >= FEWEST_VERTICES,
         )
 
     def _vertices_of(self, rows: Integers, triangles: Integers, count: int) -> tuple[Integers, Integers]:
         """Return the patches' vertices, padded (P, L), and where in it (flattened) each triangle corner stands."""
         corner_rows = np.repeat(rows, 3)
-        corners = self._surface.triangles[triangles].ravel()
+        corners = self._triangles[triangles].ravel()
         one = self._vertex_claims.claim(corner_rows, corners)
         one = one[np.argsort(corner_rows[one], kind="stable")]
         vertices, slots = _padded(corner_rows[one], corners[one], count)
@@ -242,12 +249,27 @@ class PatchFitter:
         self._vertex_claims.clear()
         return vertices, corner_slots
 
-    def _local(
-        self, members: Integers, positions: Floats, seeds: Integers, frames: Floats, length: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return (u, v), (P, N, 2), and heights, (P, N), of the members in their patches' frames."""
+    def _local(self, members: Integers, positions: Floats, seeds: Integers, frames: Floats) -> tuple[Floats, Floats]:
+        """Return (u, v), (P, 2, N), and heights, (P, N), of the members in their patches' frames."""
         local = (positions[members] - self._centroids[seeds][:, None]) @ frames
-        return local[..., :2] / np.maximum(length, 1e-300)[:, None, None], local[..., 2]
+        at = local[..., :2].transpose(0, 2, 1) / self._unit_length[seeds][:, None, None]
+        return at, np.ascontiguousarray(local[..., 2])
+
+
+def quadratic_terms(at: Floats) -> Floats:
+    """Return 1, u, v, u^2, u v, v^2 at (u, v), (P, 2, N): (P, 6, N)."""
+    u, v = at[:, 0], at[:, 1]
+    return np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=1)
+
+
+def local_normals(at: Floats, coefficients: Floats, lengths: Floats) -> Floats:
+    """Return the quadratics' unit normals at (u, v), (P, 2, N), in their own frames: (P, 3, N)."""
+    u, v = at[:, 0], at[:, 1]
+    c = (coefficients / lengths[:, None])[..., None]
+    slope_u = c[:, 1] + 2 * c[:, 3] * u + c[:, 4] * v
+    slope_v = c[:, 2] + c[:, 4] * u + 2 * c[:, 5] * v
+    upward = 1 / np.sqrt(1 + slope_u**2 + slope_v**2)
+    return np.stack((-slope_u * upward, -slope_v * upward, upward), axis=1)
 
 
 def _padded(rows: Integers, members: Integers, count: int) -> tuple[Integers, Integers]:
@@ -266,29 +288,41 @@ def _frames(normals: Floats) -> Floats:
     return np.stack((first, np.cross(normals, first), normals), axis=2)
 
 
-def _terms(at: Floats) -> Floats:
-    u, v = at[..., 0], at[..., 1]
-    return np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=-1)
+def _taper_and_ridge(at: Floats, present: Booleans) -> tuple[Floats, Floats]:
+    """Return weights that fall towards the rim, (P, L), and a slight ridge that suits the patches' extents, (P, 6)."""
+    distance = np.where(present, at[:, 0] ** 2 + at[:, 1] ** 2, 0.0)
+    taper = present * (1 - _RIM_TAPER * distance / np.maximum(distance.max(axis=1), 1e-300)[:, None])
+    extent = 0.5 * distance.sum(axis=1) / np.maximum(present.sum(axis=1), 1)
+    orders = np.stack((np.full_like(extent, 1e-2), extent, extent, extent**2, extent**2, extent**2), axis=1)
+    return taper, _RIDGE * _INVARIANT * orders
 
 
-def _mean(at: Floats, present: Floats) -> Floats:
-    """Mean square distance from the seed, per axis."""
-    return ((at**2).sum(axis=2) * present).sum(axis=1) / np.maximum(2 * present.sum(axis=1), 1)
+def _welsch(differences: Floats, width: float) -> Floats:
+    """Robust weights from the lengths of differences, (P, d, N): (P, N)."""
+    return np.exp(np.einsum("pdn,pdn->pn", differences, differences) / (-2 * width**2))
 
 
-def _welsch(squares: NDArray[Any], width: float) -> Floats:
-    return np.exp(-squares.sum(axis=-1) / (2 * width**2))
+def _values(terms: Floats, coefficients: Floats) -> Floats:
+    values: Floats = (coefficients[:, None] @ terms)[:, 0]
+    return values
 
 
-def _solve(terms: Floats, weights: Floats, height: Floats, ridge: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Weighted least squares; return Gram matrices without and with the ridge, covariances and coefficients."""
-    weighted = (terms * weights[..., None]).transpose(0, 2, 1)
-    gram: Floats = weighted @ terms
-    regular: Floats = gram + (ridge * np.maximum(weights.sum(axis=1), 1e-6)[:, None])[:, :, None] * np.eye(TERMS)
+def _least_squares(terms: Floats, weights: Floats, heights: Floats, ridge: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the coefficients, (P, 6), and the Gram matrices without and with the ridge, (P, 6, 6)."""
+    weighted = terms * weights[:, None]
+    gram: Floats = weighted @ terms.transpose(0, 2, 1)
+    # The least total keeps patches without weight solvable; they are not sound.
+    scale = np.maximum(weights.sum(axis=1), 1e-6)[:, None]
+    regular = gram + (ridge * scale)[:, :, None] * np.eye(TERMS)
+    return np.linalg.solve(regular, weighted @ heights[..., None])[..., 0], gram, regular
+
+
+def _variance(terms: Floats, weights: Floats, regular: Floats) -> Floats:
+    """Return the coefficients' covariance for independent heights of variance 1, (P, 6, 6)."""
+    weighted = terms * weights[:, None]
     inverse: Floats = np.linalg.inv(regular)
     variance: Floats = inverse @ (weighted @ weighted.transpose(0, 2, 1)) @ inverse
-    coefficients = (inverse @ (weighted @ height[..., None]))[..., 0]
-    return gram, regular, variance, coefficients
+    return variance
 
 
 def _shrink_curvature(coefficients: Floats, gram: Floats, covariance: Floats) -> Floats:
@@ -302,10 +336,9 @@ def _shrink_curvature(coefficients: Floats, gram: Floats, covariance: Floats) ->
     return coefficients + np.concatenate((-others, change), axis=1)
 
 
-def _normals(at: Floats, coefficients: Floats, length: Floats) -> Floats:
-    """Return the quadratics' unit normals at (u, v), in their frames, (P, N, 3)."""
-    u, v = at[..., 0], at[..., 1]
-    c = coefficients[:, None, :] / np.maximum(length, 1e-300)[:, None, None]
-    slope_u = c[..., 1] + 2 * c[..., 3] * u + c[..., 4] * v
-    slope_v = c[..., 2] + 2 * c[..., 5] * v + c[..., 4] * u
-    return unit(np.stack((-slope_u, -slope_v, np.ones_like(u)), axis=-1))
+def _quality(weights: Floats, residuals: Floats) -> tuple[Floats, Floats]:
+    """Return how many vertices the weights are worth, and the mean squared residual by degree of freedom, (P,)."""
+    total = np.maximum(weights.sum(axis=1), 1e-300)
+    effective = total**2 / np.maximum((weights**2).sum(axis=1), 1e-300)
+    mean = (weights * residuals**2).sum(axis=1) / total
+    return effective, mean / (1 - TERMS / np.maximum(effective, TERMS + 1))

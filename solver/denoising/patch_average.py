@@ -67,18 +67,21 @@ class PatchAverage:
         if not len(fits):
             return
         trust = np.maximum(fits.misfit, 1.0) ** -self._misfit_power
-        at_triangle = fits.triangles >= 0
-        weight = fits.triangle_weights * trust[:, None] / _spread(fits.triangle_terms, fits.variance)
-        rows = fits.triangle_normals * weight[..., None]
+        at_triangle = fits.triangle_weights > 0
+        weight = fits.triangle_weights * trust[:, None] / fits.spread(fits.at_triangle)
+        rows = fits.normals(fits.at_triangle) * weight[..., None]
         self._normals.add(fits.triangles[at_triangle], rows[at_triangle])
         at_vertex = fits.vertex_weights > 0
-        weight = (fits.vertex_weights * trust[:, None] / _spread(fits.vertex_terms, fits.variance))[at_vertex]
-        normals = fits.vertex_normals[at_vertex]
+        weight = (fits.vertex_weights * trust[:, None] / fits.spread(fits.at_vertex))[at_vertex]
+        everywhere = fits.normals(fits.at_vertex)
+        # A residual is measured along the seed's normal; the way to the surface is shorter where that leans.
+        upright = np.einsum("pnc,pc->pn", everywhere, fits.frames[:, :, 2])
+        normals, offsets = everywhere[at_vertex], (-fits.residuals * upright)[at_vertex]
         products = np.stack([normals[:, i] * normals[:, j] for i, j in _SYMMETRIC], axis=1)
-        targets = normals * fits.offsets[at_vertex][:, None]
+        targets = normals * offsets[:, None]
         rows = np.concatenate((products, targets, np.ones((len(normals), 1))), axis=1) * weight[:, None]
         self._planes.add(fits.vertices[at_vertex], rows)
-        covered = fits.triangles[(fits.triangle_weights > _CERTAIN) & at_triangle]
+        covered = fits.triangles[fits.triangle_weights > _CERTAIN]
         self.coverage += np.bincount(covered, minlength=len(self.coverage))
 
     def normals(self, guide: Floats) -> Floats:
@@ -101,8 +104,3 @@ class PatchAverage:
         for column, (i, j) in enumerate(_SYMMETRIC):
             matrices[:, i, j] = matrices[:, j, i] = mean[:, column]
         return matrices, mean[:, 6:9], weight
-
-
-def _spread(terms: Floats, variance: Floats) -> Floats:
-    """Variance of the fitted heights where the terms were taken, for noise of variance 1."""
-    return np.maximum(((terms @ variance) * terms).sum(axis=2), 1e-12)

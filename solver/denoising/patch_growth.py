@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +10,7 @@ Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 _TABLE_ENTRIES = 1 << 24
+_MOST_RINGS = 3.0  # times the square root of the number of triangles
 
 
 def chunk_size(columns: int) -> int:
@@ -26,14 +25,17 @@ class Claims:
         self._holder = np.full((rows, columns), -1, dtype=np.int32)
         self._taken: list[tuple[Integers, Integers]] = []
 
+    def free(self, rows: Integers, columns: Integers) -> Integers:
+        """Return which of the given places are free."""
+        return np.flatnonzero(self._holder[rows, columns] < 0)
+
     def claim(self, rows: Integers, columns: Integers) -> Integers:
-        """Take the places that are free, and return which of the given ones that were: one for each place."""
-        free = np.flatnonzero(self._holder[rows, columns] < 0)
-        rows, columns = rows[free], columns[free]
-        number = np.arange(len(free), dtype=np.int32)
+        """Take places that are free, and return which of the given ones to keep: one for each place."""
+        number = np.arange(len(rows), dtype=np.int32)
         self._holder[rows, columns] = number  # of several for one place the last remains
-        self._taken.append((rows, columns))
-        return free[self._holder[rows, columns] == number]
+        one = np.flatnonzero(self._holder[rows, columns] == number)
+        self._taken.append((rows[one], columns[one]))
+        return one
 
     def number(self, rows: Integers, columns: Integers, numbers: Integers) -> None:
         """Give taken places numbers."""
@@ -50,12 +52,10 @@ class Claims:
         self._taken = []
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How far normals may differ within a patch: the cosine across a side, and from the seed's normal."""
-
-    across_side: float
-    from_seed: float
+def agreeing_neighbours(neighbours: Integers, normals: Floats, least_cosine: float) -> Integers:
+    """Return the neighbours across each side, (T, 3), -1 where the two normals differ by more than the given angle."""
+    cosine = np.einsum("tc,tsc->ts", normals, normals[neighbours])
+    return np.where((neighbours >= 0) & (cosine > least_cosine), neighbours, -1)
 
 
 class GrowingPatches:
@@ -64,48 +64,54 @@ class GrowingPatches:
     Parameters
     ----------
     neighbours
-        Triangle across each side, (T, 3), -1 where there is none.
+        Triangle that may join across each side, (T, 3), -1 where none may.
     normals
-        Unit normals, (T, 3); a triangle whose normal is zero agrees with none.
+        Unit normals, (T, 3).
     seeds
         Triangles to start from, (P,).
-    agreement
-        Which triangles join.
+    least_cosine
+        Of the angle between the normal of a triangle that joins and the seed's.
     claims
         An empty table with a row a seed or more and a column a triangle; left filled.
     """
 
     def __init__(
-        self, neighbours: Integers, normals: Floats, seeds: Integers, agreement: Agreement, claims: Claims
+        self, neighbours: Integers, normals: Floats, seeds: Integers, least_cosine: float, claims: Claims
     ) -> None:
-        self._neighbours, self._normals, self._agreement, self._claims = neighbours, normals, agreement, claims
+        self._neighbours, self._normals, self._least_cosine, self._claims = neighbours, normals, least_cosine, claims
         self._seeds = seeds
         rows = np.arange(len(seeds))
         claims.claim(rows, seeds)
         self._members = [(rows, seeds)]
-        self._edge_of = (rows, seeds)  # the outermost ring, whose neighbours are next
-        self._waiting = (rows[:0], seeds[:0])  # the ring after it, where it did not fit
+        self._outermost = (rows, seeds)
+        self._waiting = (rows[:0], seeds[:0])  # the ring after the outermost, where it did not fit
+        self._rings = 0
         self.sizes = np.ones(len(seeds), dtype=np.int64)
 
     def grow(self, limit: int, wanted: Booleans) -> None:
-        """Let the patches that are `wanted`, (P,), grow to at most `limit` triangles."""
+        """Let the patches that are `wanted`, (P,), grow to at most `limit` triangles.
+
+        The number of rings is limited too: a round patch of n triangles has sqrt(2 n / 3), one that winds itself
+        through noise or along a narrow strip has many more.
+        """
         rows, triangles = (part[wanted[self._waiting[0]]] for part in self._waiting)
-        edge_rows, edge_triangles = (part[wanted[self._edge_of[0]]] for part in self._edge_of)
+        outer_rows, outer_triangles = (part[wanted[self._outermost[0]]] for part in self._outermost)
         held: list[tuple[Integers, Integers]] = []
-        while True:
-            next_rows, next_triangles = self._ring_after(edge_rows, edge_triangles)
+        while self._rings < _MOST_RINGS * np.sqrt(limit):
+            next_rows, next_triangles = self._ring_after(outer_rows, outer_triangles)
             rows, triangles = np.concatenate((rows, next_rows)), np.concatenate((triangles, next_triangles))
             if not len(rows):
                 break
             more = np.bincount(rows, minlength=len(self.sizes))
             fits = (self.sizes + more <= limit)[rows]
             held.append((rows[~fits], triangles[~fits]))
-            edge_rows, edge_triangles = rows[fits], triangles[fits]
-            self.sizes += np.bincount(edge_rows, minlength=len(self.sizes))
-            self._members.append((edge_rows, edge_triangles))
+            outer_rows, outer_triangles = rows[fits], triangles[fits]
+            self.sizes += np.bincount(outer_rows, minlength=len(self.sizes))
+            self._members.append((outer_rows, outer_triangles))
+            self._rings += 1
             rows, triangles = rows[:0], triangles[:0]
-        self._edge_of = (edge_rows, edge_triangles)
-        self._waiting = _joined(held) if held else (rows, triangles)
+        self._outermost = (outer_rows, outer_triangles)
+        self._waiting = _joined([(rows, triangles), *held])
 
     def members(self, wanted: Booleans) -> tuple[Integers, Integers]:
         """Return (patch, triangle) of the `wanted` patches, sorted by patch and, within it, from the seed outwards."""
@@ -115,16 +121,16 @@ class GrowingPatches:
         return rows[order], triangles[order]
 
     def _ring_after(self, rows: Integers, triangles: Integers) -> tuple[Integers, Integers]:
-        patch, source = np.repeat(rows, 3), np.repeat(triangles, 3)
-        target = self._neighbours[triangles].ravel()
-        exists = target >= 0
-        patch, source, target = patch[exists], source[exists], target[exists]
-        normal = self._normals[target]
-        like_side = (self._normals[source] * normal).sum(axis=1) > self._agreement.across_side
-        like_seed = (self._normals[self._seeds[patch]] * normal).sum(axis=1) > self._agreement.from_seed
-        agreeing = np.flatnonzero(like_side & like_seed)
-        new = agreeing[self._claims.claim(patch[agreeing], target[agreeing])]
-        return patch[new], target[new]
+        patch, triangle = np.repeat(rows, 3), self._neighbours[triangles].ravel()
+        there = np.flatnonzero(triangle >= 0)
+        patch, triangle = patch[there], triangle[there]
+        new = self._claims.free(patch, triangle)
+        patch, triangle = patch[new], triangle[new]
+        cosine = np.einsum("nc,nc->n", self._normals[self._seeds[patch]], self._normals[triangle])
+        like_seed = np.flatnonzero(cosine > self._least_cosine)
+        patch, triangle = patch[like_seed], triangle[like_seed]
+        one = self._claims.claim(patch, triangle)
+        return patch[one], triangle[one]
 
 
 def _joined(parts: list[tuple[Integers, Integers]]) -> tuple[Integers, Integers]:
