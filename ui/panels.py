@@ -16,6 +16,7 @@ from ..operators.result_object import read_report
 from ..operators.show_heat_map import shows_heat_map
 from ..operators.status import duration_text, remaining_text
 from .presets import SPARSE_SURFACE_PT_presets
+from .properties import SOLVER_NAMES
 
 MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
 DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "mark_creases", "pin_boundary")
@@ -23,6 +24,10 @@ DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
 PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
 SWEEPS = ("sweeps", "blending")
 OUTPUT = ("keep_iterations", "workers")
+
+
+MORE = tuple(name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *PAPER, *SWEEPS, *OUTPUT})
+"""Settings without a place of their own."""
 
 
 class SidebarPanel:
@@ -75,7 +80,7 @@ class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
         for name in DOMAIN:
             column.prop(settings, name)
         column.separator()
-        for name in DICTIONARY:
+        for name in (*DICTIONARY, *MORE):
             column.prop(settings, name)
         column.separator()
         paper = column.column()

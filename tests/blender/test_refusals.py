@@ -62,6 +62,7 @@ def test_a_position_that_is_no_number(value):
     positions = scenes.positions(sheet.data)
     positions[5, 1] = value  # a plain assignment would be clamped to the largest number
     sheet.data.vertices.foreach_set("co", positions.ravel())
+    sheet.data.update()
     assert "finite" in refusal()
 
 

@@ -1,0 +1,264 @@
+"""A job in a process of its own: results, early results, and every way to end it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sparse_surface.solver import FINISH, Settings, approximate
+from sparse_surface.solver.job import Job, MeshArrays, approximate_arrays
+from sparse_surface.solver.progress import Progress, run_to_end
+
+QUICK = Settings(iterations=2, sweeps=0, workers=1)
+
+
+def creased_grid(size: int) -> MeshArrays:
+    axis = np.linspace(-1.0, 1.0, size)
+    x, y = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
+    z = 0.2 * np.abs(np.mod(2.0 * (0.8 * x + 0.6 * y), 2.0) - 1.0)
+    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
+    quads = np.stack([corner, corner + size, corner + size + 1, corner + 1], axis=1).astype(np.int32)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return MeshArrays(
+        vertices=np.stack([x, y, z], axis=1).astype(np.float32),
+        corners=quads.ravel(),
+        sizes=np.full(len(quads), 4, dtype=np.int32),
+        triangles=triangles,
+        triangle_polygons=np.tile(np.arange(len(quads), dtype=np.int32), 2),
+    )
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Iterator[Job]:
+    made = Job(tmp_path / "job")
+    yield made
+    made.stop()
+
+
+def wait(job: Job, seen: Callable[[Progress], None] = lambda step: None, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while job.running:
+        assert time.monotonic() < end
+        step = job.poll()
+        if step is not None:
+            seen(step)
+        time.sleep(0.01)
+
+
+def wait_for_progress(job: Job) -> None:
+    steps: list[Progress] = []
+    end = time.monotonic() + 60.0
+    while not steps:
+        assert job.running
+        assert time.monotonic() < end
+        step = job.poll()
+        if step is not None and step.fraction > 0.0:
+            steps.append(step)
+        time.sleep(0.005)
+
+
+def is_alive(process: int) -> bool:
+    """Whether a process runs; one that has ended and is not yet collected does not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_result_is_that_of_a_plain_call(job: Job) -> None:
+    arrays = creased_grid(24)
+    job.start(arrays, QUICK)
+    wait(job)
+    assert job.failure == ""
+    assert job.outcome is not None
+    known = arrays.triangles.astype(np.int64), arrays.triangle_polygons.astype(np.int64)
+    expected = approximate(arrays.vertices, arrays.polygons(), QUICK, triangles=known)
+    for name in ("vertices", "error", "patch", "domain_stretch"):
+        assert np.array_equal(getattr(job.outcome, name), getattr(expected, name)), name
+    assert job.outcome.report["surface_error"] == expected.report["surface_error"]
+    assert job.outcome.report["settings"] == QUICK.resolved().as_dict()
+
+
+def test_polygons_of_different_sizes_arrive() -> None:
+    arrays = creased_grid(3)
+    mixed = MeshArrays(
+        arrays.vertices,
+        np.array([0, 3, 4, 0, 4, 1, 3, 6, 7, 8, 5, 4], dtype=np.int32),
+        np.array([3, 3, 6], dtype=np.int32),
+        arrays.triangles,
+        arrays.triangle_polygons,
+    )
+    assert [polygon.tolist() for polygon in mixed.polygons()] == [[0, 3, 4], [0, 4, 1], [3, 6, 7, 8, 5, 4]]
+    assert np.asarray(arrays.polygons()).shape == (4, 4)
+
+
+def test_progress_rises_and_previews_come_nearer(job: Job) -> None:
+    arrays = creased_grid(60)
+    steps: list[Progress] = []
+    job.start(arrays, Settings(iterations=6, sweeps=0, workers=1), previews=True)
+    wait(job, steps.append)
+    fractions = [step.fraction for step in steps]
+    assert fractions == sorted(fractions)
+    assert len(fractions) > 3
+    previews = [step.vertices for step in steps if step.vertices is not None]
+    assert previews
+    for preview in previews:
+        assert preview.shape == arrays.vertices.shape
+        assert np.abs(preview - arrays.vertices).max() < 0.2
+    assert not list(job.folder.glob("preview_*"))
+
+
+def test_no_previews_unless_asked_for(job: Job) -> None:
+    steps: list[Progress] = []
+    job.start(creased_grid(24), QUICK)
+    wait(job, steps.append)
+    assert all(step.vertices is None for step in steps)
+
+
+def test_refusal_is_one_sentence(job: Job) -> None:
+    arrays = creased_grid(4)
+    arrays.vertices[3, 2] = np.nan
+    job.start(arrays, QUICK)
+    wait(job)
+    assert job.outcome is None
+    assert "not a finite number" in job.failure
+    assert "\n" not in job.failure
+
+
+def test_stopping_ends_the_process_and_removes_the_folder(job: Job) -> None:
+    job.start(creased_grid(100), Settings(workers=2))
+    wait_for_progress(job)
+    assert job._process is not None
+    process = job._process.pid
+    before = time.monotonic()
+    job.stop()
+    assert time.monotonic() - before < 0.5
+    assert not is_alive(process)
+    assert not job.folder.exists()
+    job.stop()
+    assert not job.running
+    assert job.poll() is None
+
+
+def test_finishing_early_keeps_what_is_there(job: Job) -> None:
+    arrays = creased_grid(60)
+    job.start(arrays, Settings(iterations=40, workers=1))
+    wait_for_progress(job)
+    job.finish()
+    wait(job, seconds=60.0)
+    assert job.outcome is not None, job.failure
+    assert np.abs(job.outcome.vertices - arrays.vertices).max() < 0.2
+
+
+def test_a_killed_process_is_told(job: Job) -> None:
+    job.start(creased_grid(100), Settings(workers=1))
+    wait_for_progress(job)
+    assert job._process is not None
+    job._process.kill()
+    wait(job, seconds=5.0)
+    assert "ended before its work was done" in job.failure
+
+
+def test_a_python_that_cannot_start_is_told(tmp_path: Path) -> None:
+    job = Job(tmp_path / "job", python=(str(tmp_path / "no python"),))
+    with pytest.raises(OSError, match="no python"):
+        job.start(creased_grid(4), QUICK)
+    assert not job.folder.exists()
+    assert not job.running
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
+def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
+    """The owner is killed the hard way; its child, the child's workers and the folder go."""
+    script = f"""
+import sys, time
+sys.path[:] = {sys.path!r}
+import numpy as np
+from pathlib import Path
+from sparse_surface.solver.job import Job, MeshArrays
+from sparse_surface.solver import Settings
+names = "vertices", "corners", "sizes", "triangles", "triangle_polygons"
+arrays = {{name: np.load(Path({str(tmp_path)!r}) / f"{{name}}.npy") for name in names}}
+job = Job(Path({str(tmp_path / "job")!r}))
+job.start(MeshArrays(**arrays), Settings(workers=2))
+while True:
+    step = job.poll()
+    if step is not None and step.fraction > 0.05:
+        print(job._process.pid, flush=True)
+        time.sleep(60)
+"""
+    for name, array in vars(creased_grid(100)).items():
+        if array is not None:
+            np.save(tmp_path / f"{name}.npy", array)
+    owner = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    assert owner.stdout is not None
+    child = int(owner.stdout.readline())
+    family = [child, *descendants(child)]
+    assert len(family) == 3
+    owner.kill()
+    owner.wait()
+    owner.stdout.close()
+    end = time.monotonic() + 10.0
+    while any(is_alive(member) for member in family) or (tmp_path / "job").exists():
+        assert time.monotonic() < end, family
+        time.sleep(0.02)
+
+
+def descendants(ancestor: int) -> list[int]:
+    parents = {}
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parents[int(status.parent.name)] = int(status.read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+    found, new = [], [ancestor]
+    while new:
+        new = [process for process, parent in parents.items() if parent in new]
+        found += new
+    return found
+
+
+def test_messages_are_lines_of_json(tmp_path: Path) -> None:
+    """What a child says can be read by any owner; whatever prints goes elsewhere."""
+    job = Job(tmp_path / "job")
+    job.folder.mkdir()
+    job._write_input(creased_grid(12), QUICK, False)
+    process = job._start_child()
+    assert process.stdout is not None
+    messages = [json.loads(line) for line in process.stdout]
+    assert process.wait() == 0
+    assert messages[-1] == {"kind": "done"}
+    assert {message["kind"] for message in messages[:-1]} == {"progress"}
+    assert process.stdin is not None
+    process.stdin.close()
+    process.stdout.close()
+
+
+def test_requests_pass_into_the_work() -> None:
+    """`report` asks for the end; the work hears it at its next step."""
+    heard: list[str | None] = []
+
+    def work():  # type: ignore[no-untyped-def]
+        for number in range(5):
+            heard.append((yield Progress("Counting", number / 5)))
+            if heard[-1] == FINISH:
+                return number
+        return -1
+
+    assert run_to_end(work(), lambda step: FINISH if step.fraction > 0.3 else None) == 2
+    assert heard == [None, None, FINISH]
+
+
+def test_arrays_are_handed_over_whole() -> None:
+    arrays = creased_grid(16)
+    weights = np.ones(len(arrays.vertices), dtype=np.float32)
+    weights[:40] = 0.0
+    held = MeshArrays(**{**vars(arrays), "weights": weights})
+    result = run_to_end(approximate_arrays(held, QUICK))
+    assert np.array_equal(result.vertices[:40], arrays.vertices[:40])
