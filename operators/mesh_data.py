@@ -23,7 +23,9 @@ from .result_object import (
     PATCH,
     PREVIEW,
     REPORT,
+    REPRESENTATION,
     SCALE,
+    STRETCH,
     result_name,
 )
 
@@ -36,6 +38,13 @@ _LAYERS = (
 )
 _OTHER_NAME = "{} (source)"
 _LAYER = {name: (kind, domain, value) for name, kind, domain, value in _LAYERS}
+
+
+class Stored(Protocol):
+    """What has the bytes of a saved representation."""
+
+    @property
+    def stored(self) -> bytes: ...
 
 
 class Result(Protocol):
@@ -51,6 +60,8 @@ class Result(Protocol):
     def domain_stretch(self) -> NDArray[np.floating[Any]]: ...
     @property
     def report(self) -> dict[str, Any]: ...
+    @property
+    def representation(self) -> Stored: ...
 
 
 @dataclass(frozen=True)
@@ -160,7 +171,7 @@ def read_mesh(
 ) -> MeshArrays:
     """Copy a mesh into arrays, its positions stretched by `lengths`."""
     vertices = read_positions(mesh)
-    corners, sizes = _read_polygons(mesh)
+    corners, sizes = read_polygons(mesh)
     mesh.calc_loop_triangles()
     triangles = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles)
@@ -184,7 +195,8 @@ def world_positions(placed: Object) -> NDArray[np.float64]:
     return read_positions(placed.data) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _read_polygons(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def read_polygons(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the vertex of each polygon corner, (C,), and each polygon's number of corners, (F,)."""
     corners = np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     sizes = np.empty(len(mesh.polygons), dtype=np.int32)
@@ -210,7 +222,7 @@ def same_topology(arrays: MeshArrays, mesh: Mesh) -> bool:
     """Whether a mesh still has the polygons that were read."""
     if len(mesh.vertices) != len(arrays.vertices) or len(mesh.polygons) != len(arrays.sizes):
         return False
-    corners, sizes = _read_polygons(mesh)
+    corners, sizes = read_polygons(mesh)
     return np.array_equal(sizes, arrays.sizes) and np.array_equal(corners, arrays.corners)
 
 
@@ -247,8 +259,22 @@ def create_result(
     }
     write_layers(mesh, layers)
     made[REPORT] = json.loads(json.dumps(result.report))  # plain values only, as Blender stores them
+    store_representation(made, result.representation.stored, source.lengths)
     store_scale(made, scale)
     return made
+
+
+def store_representation(made: Object, stored: bytes, lengths: WorldLengths) -> None:
+    """Keep a saved representation with an object, and how the object's lengths relate to those of its points.
+
+    In a custom property of the object Blender carries it through saving, undo, duplicating and appending, and copies it
+    only when the object is evaluated anew; a property of the mesh would be copied whenever a vertex moves.
+    """
+    made[REPRESENTATION] = stored
+    if lengths.stretch is not None:
+        made[STRETCH] = [float(value) for value in lengths.stretch.ravel()]
+    elif STRETCH in made:
+        del made[STRETCH]
 
 
 def store_scale(coloured: Object, scale: ColourScale) -> None:

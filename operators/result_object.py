@@ -13,6 +13,12 @@ REPORT = "sparse_surface"
 SCALE = "error_color_range"
 """Custom property of an object with a heat map: lower and upper end of its range and its tolerance (0: none)."""
 
+REPRESENTATION = "sparse_surface_representation"
+"""Custom property of a result object: its representation, as the bytes of a saved file."""
+
+STRETCH = "sparse_surface_stretch"
+"""Custom property of a result object whose source was scaled: nine numbers that lead from local to world lengths."""
+
 PREVIEW = "sparse_surface_preview"
 """Custom property of an object that shows a surface while it is being solved."""
 
@@ -34,6 +40,11 @@ def read_report(candidate: Object | None) -> dict[str, Any] | None:
     stored: Any = candidate.get(REPORT) if candidate is not None else None
     report: dict[str, Any] | None = stored.to_dict() if hasattr(stored, "to_dict") else None
     return report
+
+
+def has_representation(candidate: Object | None) -> bool:
+    """Whether an object carries a representation."""
+    return candidate is not None and candidate.type == "MESH" and REPRESENTATION in candidate
 
 
 def has_heat_map(candidate: Object | None) -> bool:
