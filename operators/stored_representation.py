@@ -1,0 +1,102 @@
+"""The representation that a result object holds, and where it stands on the object's mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from bpy.app.translations import pgettext_rpt as rpt_
+from bpy.types import Object
+from numpy.typing import NDArray
+
+from ..solver.errors import InputError
+from ..solver.representation import Representation
+from ..solver.storage import from_bytes
+from . import mesh_data
+from .result_object import REPRESENTATION, STRETCH
+
+NEAR = 1e-5
+"""Distance, in longest sides, within which a vertex is where the representation puts it."""
+
+
+def read(holder: Object) -> Representation:
+    """Return the representation that an object holds.
+
+    Raises
+    ------
+    InputError
+        When it holds none.
+    FileFormatError
+        When the stored bytes are damaged.
+    """
+    stored = holder.get(REPRESENTATION)
+    if not isinstance(stored, bytes):
+        raise InputError(
+            rpt_("'{}' holds no representation; approximate its source again to get one.").format(holder.name)
+        )
+    return _parsed(stored, holder.name)
+
+
+@lru_cache(maxsize=2)
+def _parsed(stored: bytes, name: str) -> Representation:
+    """Stepping from patch to patch must not read the whole anew each time."""
+    return from_bytes(stored, rpt_("The representation of '{}'").format(name))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a representation stands in an object's local space: local = points @ linear + offset."""
+
+    linear: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    def to_local(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+        """Return local positions of the representation's points, (N, 3)."""
+        local = np.asarray(points, dtype=np.float64) @ self.linear + self.offset
+        return np.ascontiguousarray(local, dtype=np.float32)
+
+
+def placement(holder: Object, representation: Representation) -> Placement:
+    """Find where the representation stands on the object's mesh.
+
+    Moving, scaling or turning the mesh's vertices together (as Apply Scale does) is followed.
+
+    Raises
+    ------
+    InputError
+        When the mesh was edited otherwise, so that the representation is no longer its own.
+    """
+    edited = InputError(
+        rpt_("The mesh of '{}' was edited; its representation describes another one.").format(holder.name)
+    )
+    corners, sizes = mesh_data.read_polygons(holder.data)
+    if len(holder.data.vertices) != len(representation.vertices) or not np.array_equal(
+        np.cumsum(sizes), representation.face_offsets[1:]
+    ):
+        raise edited
+    if not np.array_equal(corners, representation.face_corners):
+        raise edited
+    points, local = representation.at_vertices(), mesh_data.read_positions(holder.data).astype(np.float64)
+    size = float(np.ptp(local, axis=0).max(initial=0.0))
+    for place in (_as_stored(holder), _fitted(points, local)):
+        if np.abs(place.to_local(points) - local).max(initial=0.0) <= NEAR * size:
+            return place
+    raise edited
+
+
+def _as_stored(holder: Object) -> Placement:
+    stretch = holder.get(STRETCH)
+    linear = np.eye(3) if stretch is None else np.linalg.inv(np.array(stretch, dtype=np.float64).reshape(3, 3))
+    return Placement(linear, np.zeros(3))
+
+
+def _fitted(points: NDArray[np.float64], local: NDArray[np.float64]) -> Placement:
+    """Affine map that takes the points to the local positions as well as one can."""
+    centre = points.mean(axis=0)
+    linear, _, rank, _ = np.linalg.lstsq(points - centre, local - local.mean(axis=0), rcond=1e-9)
+    if rank < 3:  # a plane says nothing about the direction across it
+        return Placement(np.zeros((3, 3)), np.full(3, np.inf))
+    linear = np.asarray(linear, dtype=np.float64)
+    return Placement(linear, local.mean(axis=0) - centre @ linear)
