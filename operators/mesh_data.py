@@ -16,6 +16,7 @@ from ..solver.errors import InputError
 from ..solver.job import MeshArrays
 from .colour_ramp import ColourScale
 from .heat_map import colour_scale
+from .iteration_keys import add_iteration_keys
 from .result_object import (
     DOMAIN_STRETCH,
     ERROR,
@@ -62,6 +63,8 @@ class Result(Protocol):
     def report(self) -> dict[str, Any]: ...
     @property
     def representation(self) -> Stored: ...
+    @property
+    def history(self) -> NDArray[np.floating[Any]] | None: ...
 
 
 @dataclass(frozen=True)
@@ -251,6 +254,8 @@ def create_result(
         link_beside(made, made_from, context)
     place_like(made, made_from)
     _rename_groups(made)
+    if result.history is not None:
+        add_iteration_keys(made, np.stack([source.lengths.to_local(points) for points in result.history]))
     layers = {
         ERROR: result.error,
         ERROR_COLOUR: scale.colours(result.error),

@@ -102,10 +102,12 @@ class Outcome:
     domain_stretch: NDArray[np.float64]
     report: dict[str, Any]
     representation: StoredRepresentation
+    history: NDArray[np.float32] | None = None
 
 
 _INPUT_ARRAYS = ("vertices", "corners", "sizes", "triangles", "triangle_polygons", "weights")
 _RESULT_ARRAYS = ("vertices", "error", "patch", "domain_stretch")
+_HISTORY = "result_history.npy"
 
 
 # The owner's side
@@ -222,7 +224,9 @@ class Job:
         arrays = {name: np.load(self.folder / f"result_{name}.npy", allow_pickle=False) for name in _RESULT_ARRAYS}
         report = json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
         stored = (self.folder / "representation.npz").read_bytes()
-        return Outcome(**arrays, report=report, representation=StoredRepresentation(stored))
+        kept = self.folder / _HISTORY
+        history = np.load(kept, allow_pickle=False) if kept.exists() else None
+        return Outcome(**arrays, report=report, representation=StoredRepresentation(stored), history=history)
 
     def _reason_of_death(self) -> str:
         with open(self.folder / "log.txt", "rb") as log:
@@ -276,6 +280,8 @@ def _run(folder: Path, send: Callable[..., None], requests: _Requests) -> None:
     result = run_to_end(steps, _Reporter(folder, send, requests, job["previews"]))
     for name in _RESULT_ARRAYS:
         np.save(folder / f"result_{name}.npy", getattr(result, name), allow_pickle=False)
+    if result.history is not None:
+        np.save(folder / _HISTORY, result.history.astype(np.float32), allow_pickle=False)
     result.representation.save(folder / "representation.npz")
     (folder / "report.json").write_text(json.dumps(result.report), encoding="utf-8")
 
