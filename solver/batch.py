@@ -45,6 +45,8 @@ class Problem:
         Weights of the observations, (N,).
     degree
         Highest total degree that this problem may use.
+    noise
+        Standard deviation of the observed signals, scene units: functions that explain no more than noise are not used.
     warm
         Where to start instead of the initial domain with a fresh choice of functions.
     """
@@ -57,6 +59,7 @@ class Problem:
     values: Array
     weights: Array
     degree: int
+    noise: float = 0.0
     warm: WarmStart | None = None
 
 
@@ -102,6 +105,8 @@ class Batch:
         Square roots of the observation weights, (B, 1, N); zero on padding.
     degrees
         Highest total degree of each problem, (B,).
+    noise
+        Variance of the weighted observations, in the problems' frames, (B,).
     triangles
         Of all the domains, numbers of the flattened vertices, (B t, 3).
     energy
@@ -120,6 +125,7 @@ class Batch:
     values: Array
     root_weights: Array
     degrees: Indices
+    noise: Array
     triangles: Indices
     energy: DomainEnergy
     laplacian: sp.csr_matrix
@@ -176,6 +182,7 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
         values,
         np.sqrt(weights),
         np.array([problem.degree for problem in problems]),
+        np.array([_weighted_noise(problem, frame) for problem, frame in zip(problems, frames, strict=True)]),
         flat,
         energy,
         energy.laplacian(),
@@ -183,6 +190,13 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
         collect,
         squared,
     )
+
+
+def _weighted_noise(problem: Problem, frame: Frame) -> float:
+    """Variance that noise has along a function: as functions have the weights' root themselves, the mean weighted by them."""
+    total = float(problem.weights.sum())
+    share = float((problem.weights**2).sum()) / total if total > 0.0 else 0.0
+    return (problem.noise * frame.scale) ** 2 * share
 
 
 def warm_starts(problems: list[Problem], start: Array) -> tuple[Array, Indices]:

@@ -96,7 +96,7 @@ def sweep(
     """
     channels = 3 if settings.domains == "separate" else 1
     for colour in colour_patches(blend.patches):
-        chunks = chunk_patches(blend.patches, colour, channels)
+        chunks = chunk_patches(blend.observations, colour, channels)
         tasks = (sweep_task(blend, domains, fits, settings, chunk) for chunk in chunks)
         for task, fitted in run(tasks):
             for patch, fit in zip(task.patches, fitted, strict=True):

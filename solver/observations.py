@@ -45,6 +45,8 @@ class PatchObservations:
         Blending weight of the patch at each of them, phi, (N,).
     degree
         Highest total degree that so many observations can hold.
+    noise
+        Standard deviation of the observed points, scene units.
     """
 
     number: Indices
@@ -53,6 +55,7 @@ class PatchObservations:
     weights: Array
     blending: Array
     degree: int
+    noise: float = 0.0
 
 
 class Observations(Protocol):
@@ -66,11 +69,14 @@ class Observations(Protocol):
         Vertices of the mesh, (V, 3), scene units.
     points
         The observed points, (O, 3), scene units.
+    sizes
+        Work that each patch means, as a number of observations, (K,).
     """
 
     patches: Patches
     vertices: Array
     points: Array
+    sizes: Indices
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch."""
@@ -109,6 +115,7 @@ class MeshObservations:
             Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
         """
         self.patches, self.vertices = patches, mesh.vertices
+        self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self._blending = blending
         self._weights = weights
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH

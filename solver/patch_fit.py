@@ -16,7 +16,6 @@ from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .blending import fitting_weights
 from .dictionary import Dictionary
 from .observations import Observations
-from .patches import Patches
 from .settings import Settings
 from .solution import Solution
 
@@ -101,9 +100,9 @@ def chunk_task(observations: Observations, domains: Array, settings: Settings, c
     return ChunkTask(chunk, problems, settings)
 
 
-def chunk_patches(patches: Patches, which: Indices, problems_each: int = 1) -> list[Indices]:
+def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1) -> list[Indices]:
     """Sort the patches `which` by size and cut them into chunks that fit into a processor's cache."""
-    size = (np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets))[which]
+    size = observations.sizes[which]
     order = which[np.argsort(size, kind="stable")]
     size = np.sort(size, kind="stable")
     chunks, start = [], 0
@@ -128,7 +127,15 @@ def patch_problems(observations: Observations, domains: Array, settings: Setting
     degree = min(settings.degree, own.degree)
     return [
         Problem(
-            domains[vertices], triangles, at_vertices[:, part], own.corners, own.shares, values[:, part], weights, degree
+            domains[vertices],
+            triangles,
+            at_vertices[:, part],
+            own.corners,
+            own.shares,
+            values[:, part],
+            weights,
+            degree,
+            own.noise,
         )
         for part in ([slice(0, 3)] if settings.domains == "common" else [slice(d, d + 1) for d in range(3)])
     ]

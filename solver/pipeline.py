@@ -227,7 +227,7 @@ def solve_patches(
     state = {"hurry": False}
 
     def tasks() -> Iterator[ChunkTask]:
-        for chunk in chunk_patches(patches, np.arange(count), channels_of(settings)):
+        for chunk in chunk_patches(surface.observations, np.arange(count), channels_of(settings)):
             yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
     done = 0

@@ -56,6 +56,7 @@ def matching_pursuit(
     correlation: NDArray[np.float64],
     sparsity: int,
     allowed: NDArray[np.bool_] | None = None,
+    worth: NDArray[np.float64] | None = None,
 ) -> NDArray[np.int64]:
     """Orthogonal matching pursuit: repeatedly take the function most parallel to the residual.
 
@@ -69,14 +70,18 @@ def matching_pursuit(
         Number of functions to choose, s.
     allowed
         Functions that may be chosen, (B, n); all where None.
+    worth
+        By how much a function has to lower the squared residual to be worth having, (B,); nothing where None.  The number
+        of functions then minimises the squared residual plus this for each of them (Mallows 1973; Foster, George 1994).
 
     Returns
     -------
     ndarray
-        Chosen functions in the order of their choice, (B, D, s); -1 where the rest depends on those chosen.
+        Chosen functions in the order of their choice, (B, D, s); -1 where the rest depends on those chosen, or is not
+        worth it.
     """
     norm = np.diagonal(gram, axis1=1, axis2=2)
-    return _greedy(gram, correlation, sparsity, allowed, np.broadcast_to(norm[:, None], correlation.shape))
+    return _greedy(gram, correlation, sparsity, allowed, np.broadcast_to(norm[:, None], correlation.shape), worth)
 
 
 def least_squares_pursuit(
@@ -85,6 +90,7 @@ def least_squares_pursuit(
     sparsity: int,
     allowed: NDArray[np.bool_] | None = None,
     replacements: int = 1,
+    worth: NDArray[np.float64] | None = None,
 ) -> NDArray[np.int64]:
     """Orthogonal least squares: repeatedly take the function that lowers the residual most, then exchange.
 
@@ -92,7 +98,7 @@ def least_squares_pursuit(
 
     Parameters
     ----------
-    gram, correlation, sparsity, allowed
+    gram, correlation, sparsity, allowed, worth
         As in `matching_pursuit`.
     replacements
         Number of cyclic replacement passes.
@@ -100,9 +106,9 @@ def least_squares_pursuit(
     Returns
     -------
     ndarray
-        Chosen functions, (B, D, s); -1 where the rest depends on those chosen.
+        Chosen functions, (B, D, s); -1 as in `matching_pursuit`.
     """
-    support = _greedy(gram, correlation, sparsity, allowed, None)
+    support = _greedy(gram, correlation, sparsity, allowed, None, worth)
     for _ in range(replacements):
         support = _replace_cyclically(gram, correlation, support, allowed)
     return support
@@ -114,6 +120,7 @@ def _greedy(
     sparsity: int,
     allowed: NDArray[np.bool_] | None,
     fixed_norm: NDArray[np.float64] | None,
+    worth: NDArray[np.float64] | None = None,
 ) -> NDArray[np.int64]:
     """Forward selection with an orthogonalised row for each chosen function."""
     batch, signals, size = correlation.shape
@@ -128,6 +135,7 @@ def _greedy(
     forbidden = np.zeros((problems, size), dtype=bool) if allowed is None else ~allowed[patch]
     rows = np.zeros((problems, sparsity, size))
     support = np.full((problems, sparsity), -1, dtype=np.int64)
+    gain = np.zeros((problems, sparsity))
     for k in range(sparsity):
         usable = (remaining > smallest) & ~forbidden
         score = np.divide(residual**2, scale, out=np.full_like(residual, -1.0), where=usable)
@@ -144,6 +152,10 @@ def _greedy(
         remaining -= new**2
         forbidden[row, best] = True
         support[:, k] = np.where(found, best, -1)
+        gain[:, k] = step**2
+    if worth is not None:
+        count = np.cumsum(gain - worth[patch, None], axis=1).argmax(axis=1) + 1
+        support[(np.arange(sparsity) >= count[:, None]) & (worth[patch, None] > 0.0)] = -1
     return support.reshape(batch, signals, sparsity)
 
 

@@ -187,7 +187,9 @@ def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, p
     gram, correlation = _normal_equations(*_weighted(batch, dictionary, domain))
     allowed = _allowed(batch, dictionary)
     pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
-    support = pursue(gram, correlation, min(sparsity, int(allowed.sum(axis=1).max())), allowed)
+    # the largest gain that the best of so many functions has on noise alone
+    worth = 2.0 * np.log(np.maximum(allowed.sum(axis=1), 2)) * batch.noise
+    support = pursue(gram, correlation, min(sparsity, int(allowed.sum(axis=1).max())), allowed, worth=worth)
     return least_squares(batch, dictionary, domain, support)
 
 
