@@ -11,6 +11,7 @@ transformation: without the centroids the surface would oscillate between the ve
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -111,12 +112,8 @@ class Batch:
         Of all the domains, numbers of the flattened vertices, (B t, 3).
     energy
         Regularisation of all the domains, on the flattened vertices.
-    laplacian
-        Laplacian of the initial domains, (B m, B m).
     observe, collect
-        Sparse matrix W from vertices to observations, (B N, B m), and its transpose.
-    diagonal
-        Transpose of W with squared entries, for the preconditioner.
+        Sparse matrix W from vertices to observations, (B N, B m), for u and v at once, and its transpose.
     """
 
     frames: list[Frame]
@@ -128,10 +125,8 @@ class Batch:
     noise: Array
     triangles: Indices
     energy: DomainEnergy
-    laplacian: sp.csr_matrix
     observe: sp.csr_matrix
     collect: sp.csr_matrix
-    diagonal: sp.csr_matrix
 
     @property
     def problems(self) -> int:
@@ -144,13 +139,49 @@ class Batch:
 
     def observed(self, domain: Array) -> Array:
         """Parameters of the observations, (2, B, N), from those of the vertices, (2, B, m)."""
-        flat = domain.reshape(2, -1)
-        return np.stack([self.by_problem(self.observe @ flat[0]), self.by_problem(self.observe @ flat[1])])
+        return (self.observe @ domain.ravel()).reshape(2, self.problems, -1)
 
     def collected(self, forces: Array) -> Array:
         """W^T: sum what acts on observations (2, B, N) at the vertices, (2, B, m)."""
-        flat = forces.reshape(2, -1)
-        return np.stack([self.by_problem(self.collect @ flat[0]), self.by_problem(self.collect @ flat[1])])
+        return (self.collect @ forces.ravel()).reshape(2, self.problems, -1)
+
+    @cached_property
+    def single(self) -> SinglePrecision:
+        """What the Gauss-Newton systems need, in single precision."""
+        laplacian = self.energy.laplacian().astype(np.float32)
+        collect = self.collect.astype(np.float32)
+        squared = collect[: collect.shape[0] // 2, : collect.shape[1] // 2].copy()
+        squared.data **= 2
+        return SinglePrecision(
+            self.observe.astype(np.float32),
+            collect,
+            squared,
+            sp.block_diag([laplacian, laplacian], format="csr"),
+            laplacian.diagonal().reshape(self.problems, -1),
+        )
+
+
+@dataclass(frozen=True)
+class SinglePrecision:
+    """Matrices of a batch in single precision.
+
+    Attributes
+    ----------
+    observe, collect
+        As in `Batch`.
+    diagonal
+        Transpose of W with squared entries, for one coordinate, (B m, B N).
+    laplacian
+        Laplacian of the initial domains, for both coordinates, (2 B m, 2 B m).
+    laplacian_diagonal
+        Its diagonal for one coordinate, (B, m).
+    """
+
+    observe: sp.csr_matrix
+    collect: sp.csr_matrix
+    diagonal: sp.csr_matrix
+    laplacian: sp.csr_matrix
+    laplacian_diagonal: NDArray[np.float32]
 
 
 def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
@@ -171,9 +202,7 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
         weights[k, 0, : len(problem.weights)] = problem.weights
     flat = (triangles + most * np.arange(count)[:, None, None]).reshape(-1, 3)
     observe = _observation_matrix(problems, most, observations)
-    collect = observe.T.tocsr()
-    squared = collect.copy()
-    squared.data **= 2
+    observe = sp.block_diag([observe, observe], format="csr")
     energy = DomainEnergy.of(start.reshape(2, -1), flat)
     return Batch(
         frames,
@@ -185,10 +214,8 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
         np.array([_weighted_noise(problem, frame) for problem, frame in zip(problems, frames, strict=True)]),
         flat,
         energy,
-        energy.laplacian(),
         observe,
-        collect,
-        squared,
+        observe.T.tocsr(),
     )
 
 

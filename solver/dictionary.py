@@ -104,6 +104,11 @@ class Dictionary:
                 np.multiply(table[..., k - 1, :], k, out=slope[..., k, :])
         return slope
 
+    @property
+    def derivative_matrix(self) -> NDArray[np.float64]:
+        """First derivatives of the one-variable polynomials in terms of these polynomials, (t + 1, t + 1)."""
+        return self.derivative_tables(np.eye(self.degree + 1))
+
     def evaluate(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values of every function.
 

@@ -12,6 +12,7 @@ Domains are stored component first, (2, N): all u, then all v, of all patches of
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -56,7 +57,8 @@ class DomainEnergy:
 
     def jacobian(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
         """Jacobian of the transformation U0 -> `domain` (2, N) on every triangle, (2, 2, T)."""
-        return np.array([[self.along_u @ x, self.along_v @ x] for x in domain])
+        rows: NDArray[np.float64] = self._gradient @ domain.ravel()
+        return rows.reshape(2, 2, -1)
 
     def proximity(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
         """Q1 by vertex: squared distances from the initial domain, (N,)."""
@@ -72,7 +74,18 @@ class DomainEnergy:
     def rigidity_gradient(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
         """Gradient of the summed Q2 with respect to the domain, (2, N): 2 D^T A (J - R)."""
         force = 2.0 * self.area * (jacobian - nearest_rotation(jacobian))
-        return np.array([self.along_u.T @ row[0] + self.along_v.T @ row[1] for row in force])
+        summed: NDArray[np.float64] = self._divergence @ force.ravel()
+        return summed.reshape(2, -1)
+
+    @cached_property
+    def _gradient(self) -> sp.csr_matrix:
+        """Derivatives along u and v of both coordinates, (4 T, 2 N)."""
+        one = sp.vstack([self.along_u, self.along_v])
+        return sp.block_diag([one, one], format="csr")
+
+    @cached_property
+    def _divergence(self) -> sp.csr_matrix:
+        return self._gradient.T.tocsr()
 
     def laplacian(self) -> sp.csr_matrix:
         """Half the Hessian of Q2 with the rotations held: the area-weighted Laplacian of the initial domain, (N, N)."""

@@ -10,14 +10,16 @@ gets out of its way.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .batch import Batch
 from .cross_validation import validated_sparsity
-from .dictionary import Dictionary, coefficient_grid, combine
+from .dictionary import Dictionary, coefficient_grid
 from .domain_energy import determinant, largest_step
+from .gauss_newton import gauss_newton_move
 from .pursuit import least_squares_pursuit, matching_pursuit
 from .solution import Solution, Trace
 
@@ -27,7 +29,6 @@ Indices = NDArray[np.int64]
 PROXIMITY_DECAY = 0.5
 RIGIDITY_DECAY = 0.6
 RESELECT_AT = (0, 3, 6, 10)
-CONJUGATE_GRADIENT_STEPS = 8
 DETERMINANT_FLOOR = 0.02
 STEP_SHARE = 0.8
 RIDGE = 1e-11
@@ -43,24 +44,38 @@ class Fit:
         Chosen functions, (B, D, s); -1 where fewer were chosen.
     coefficients
         (B, D, s); zero where the support is -1.
-    orthonormal
-        Rows that span the weighted functions, (B, D, s, N).
+    functions
+        Weighted values of the chosen functions at the observations, (B, D, s, N).
+    inverse_factor
+        Inverse of the lower Cholesky factor of their Gram matrices, (B, D, s, s).
     residual
         Weighted residual at the observations, (B, D, N).
     tables
-        Values of the one-variable polynomials at u and at v, 2 arrays (B, t + 1, N).
+        Values of the one-variable polynomials at u, and weighted ones at v, (2, B, t + 1, N).
     """
 
     support: Indices
     coefficients: Array
-    orthonormal: Array
+    functions: Array
+    inverse_factor: Array
     residual: Array
-    tables: tuple[Array, Array]
+    tables: Array
 
     @property
     def misfit(self) -> Array:
         """Weighted sum of squares for each problem, (B,)."""
         return np.einsum("bdn,bdn->b", self.residual, self.residual)
+
+    @property
+    def orthonormal(self) -> Array:
+        """Rows that span the weighted functions, (B, D, s, N)."""
+        return np.matmul(self.inverse_factor, self.functions)
+
+    def put(self, which: Indices, other: Fit) -> None:
+        """Overwrite the problems `which` by those of `other`, which has the same support."""
+        for name in ("coefficients", "functions", "inverse_factor", "residual"):
+            getattr(self, name)[which] = getattr(other, name)[which]
+        self.tables[:, which] = other.tables[:, which]
 
 
 @dataclass
@@ -242,28 +257,24 @@ def merge(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
     if first.all():
         return one
 
-    def pick(a: NDArray, b: NDArray) -> NDArray:
+    def pick(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
         return np.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
     return Fit(
         pick(one.support, other.support),
         pick(one.coefficients, other.coefficients),
-        pick(one.orthonormal, other.orthonormal),
+        pick(one.functions, other.functions),
+        pick(one.inverse_factor, other.inverse_factor),
         pick(one.residual, other.residual),
-        (pick(one.tables[0], other.tables[0]), pick(one.tables[1], other.tables[1])),
+        np.stack([pick(one.tables[k], other.tables[k]) for k in (0, 1)]),
     )
 
 
 def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: Indices) -> Fit:
     """Fit given functions over given domains: Cholesky factor of the column-scaled Gram matrix."""
-    observed = batch.observed(domain)
-    tables = dictionary.tables(observed[0]), dictionary.tables(observed[1])
-    problem = np.arange(batch.problems)[:, None, None]
-    i, j = np.moveaxis(dictionary.degrees[support], -1, 0)
-    functions = (tables[0] * batch.root_weights)[problem, i]
-    functions *= tables[1][problem, j]
-    if (support < 0).any():
-        functions *= (support >= 0)[..., None]
+    tables = dictionary.tables(batch.observed(domain))
+    tables[1] *= batch.root_weights
+    functions = _chosen(dictionary, support, tables)
     gram = np.matmul(functions, functions.swapaxes(-1, -2))
     norm = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
     norm = np.where(norm > 0.0, norm, 1.0)
@@ -272,39 +283,69 @@ def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: 
     # Unused places get a unit diagonal, so that every problem has the same shape.
     gram[..., np.arange(size), np.arange(size)] = 1.0 + RIDGE
     inverse_factor = np.linalg.inv(np.linalg.cholesky(gram)) / norm[..., None, :]
-    orthonormal = np.matmul(inverse_factor, functions)
     values = batch.values * batch.root_weights
-    share = np.matmul(orthonormal, values[..., None])
-    residual = values - np.matmul(share.swapaxes(-1, -2), orthonormal)[..., 0, :]
+    share = np.matmul(inverse_factor, np.matmul(functions, values[..., None]))
     coefficients = np.matmul(inverse_factor.swapaxes(-1, -2), share)[..., 0]
-    return Fit(support, coefficients, orthonormal, residual, tables)
+    residual = values - np.matmul(coefficients[..., None, :], functions)[..., 0, :]
+    return Fit(support, coefficients, functions, inverse_factor, residual, tables)
 
 
-def step(
-    batch: Batch, dictionary: Dictionary, state: State, weights: tuple[float, float], damping: Array
-) -> Array:
+def _chosen(dictionary: Dictionary, support: Indices, tables: Array) -> Array:
+    """Values of the chosen functions, (B, D, s, N); zero where none was chosen."""
+    count, observations = tables.shape[2:]
+    first = count * np.arange(len(support))[:, None, None]
+    i, j = np.moveaxis(dictionary.degrees[support], -1, 0)
+    functions = tables[0].reshape(-1, observations).take(first + i, axis=0)
+    functions *= tables[1].reshape(-1, observations).take(first + j, axis=0)
+    if (support < 0).any():
+        functions *= (support >= 0)[..., None]
+    return functions
+
+
+def step(batch: Batch, dictionary: Dictionary, state: State, weights: tuple[float, float], damping: Array) -> Array:
     """One damped Gauss-Newton step of every problem; returns the energies (B,) and updates `state` and `damping`."""
-    beta1, beta2 = weights
-    energy = batch.energy
+    energy, fit = batch.energy, state.fit
     flat = state.domain.reshape(2, -1)
     jacobian = energy.jacobian(flat)
-    before = state.fit.misfit + regularisation(batch, flat, jacobian, weights)
-    gradient = function_gradient(batch, dictionary, state.fit)
-    force = batch.collected(np.einsum("cbdn,bdn->cbn", gradient, state.fit.residual)).reshape(2, -1)
-    force -= beta1 * (flat - energy.start) + 0.5 * beta2 * energy.rigidity_gradient(jacobian)
-    move = _conjugate_gradients(batch, state.fit.orthonormal, gradient, weights, damping, force)
+    before = fit.misfit + regularisation(batch, flat, jacobian, weights)
+    gradient = function_gradient(batch, dictionary, fit)
+    force = downhill(batch, state, gradient, jacobian, weights).reshape(state.domain.shape)
+    move = gauss_newton_move(batch, fit.orthonormal, gradient, weights, damping, force)
     change = energy.jacobian(move)
     limit = batch.by_problem(largest_step(jacobian, change, DETERMINANT_FLOOR)).min(axis=1)
-    length = np.minimum(1.0, STEP_SHARE * limit)
-    domain = state.domain + length[:, None] * batch.by_problem(move)
-    fit = least_squares(batch, dictionary, domain, state.fit.support)
-    moved = domain.reshape(2, -1)
-    after = fit.misfit + regularisation(batch, moved, energy.jacobian(moved), weights)
-    better = after < before
-    state.domain = np.where(better[:, None], domain, state.domain)
-    state.fit = merge(better, fit, state.fit)
-    damping[:] = np.where(better, damping * 0.3, np.maximum(damping, 1e-3) * 8.0)
-    return np.where(better, after, before)
+    length = np.minimum(1.0, STEP_SHARE * limit)[:, None]
+    tried = state.domain + length * move
+    jacobian = jacobian + (length * batch.by_problem(change)).reshape(change.shape)
+    new = least_squares(batch, dictionary, tried, fit.support)
+    after = new.misfit + regularisation(batch, tried.reshape(2, -1), jacobian, weights)
+    worse = np.flatnonzero(after >= before)
+    tried[:, worse] = state.domain[:, worse]
+    new.put(worse, fit)
+    after[worse] = before[worse]
+    damping[worse] = np.maximum(damping[worse], 1e-3) * (8.0 / 0.3)
+    damping *= 0.3
+    state.domain, state.fit = tried, new
+    return after
+
+
+def downhill(batch: Batch, state: State, gradient: Array, jacobian: Array, weights: tuple[float, float]) -> Array:
+    """Minus half the gradient of the objective with respect to the domains, (2, B m).
+
+    Exact: with the coefficients at their optimum, moving a domain changes the misfit only through the fitted functions.
+
+    Parameters
+    ----------
+    gradient
+        Weighted gradients of the fitted functions, (2, B, D, N).
+    jacobian
+        Of the domain transformations, (2, 2, T).
+    weights
+        beta1 and beta2 of eq. 4.
+    """
+    flat = state.domain.reshape(2, -1)
+    force = batch.collected(np.einsum("cbdn,bdn->cbn", gradient, state.fit.residual)).reshape(2, -1)
+    force -= weights[0] * (flat - batch.energy.start) + 0.5 * weights[1] * batch.energy.rigidity_gradient(jacobian)
+    return force
 
 
 def regularisation(batch: Batch, flat: Array, jacobian: Array, weights: tuple[float, float]) -> Array:
@@ -318,71 +359,11 @@ def regularisation(batch: Batch, flat: Array, jacobian: Array, weights: tuple[fl
 def function_gradient(batch: Batch, dictionary: Dictionary, fit: Fit) -> Array:
     """Weighted gradients of the fitted functions at the observations, (2, B, D, N)."""
     grid = coefficient_grid(dictionary.degrees, fit.support, fit.coefficients, dictionary.degree)
-    u_table, v_table = (table[:, None] for table in fit.tables)
-    along_u = combine(grid, dictionary.derivative_tables(u_table), v_table)
-    along_v = combine(grid, u_table, dictionary.derivative_tables(v_table))
-    return np.stack([along_u, along_v]) * batch.root_weights
-
-
-def _conjugate_gradients(
-    batch: Batch,
-    orthonormal: Array,
-    gradient: Array,
-    weights: tuple[float, float],
-    damping: Array,
-    force: Array,
-) -> Array:
-    """A few preconditioned conjugate-gradient steps on the damped Gauss-Newton system, all problems at once."""
-    beta1, beta2 = weights
-    laplacian = batch.laplacian
-    shift = np.repeat(beta1 + damping, batch.start.shape[2])
-
-    def apply(x: Array) -> Array:
-        observed = batch.observed(batch.by_problem(x))
-        change = gradient[0] * observed[0][:, None] + gradient[1] * observed[1][:, None]
-        share = np.matmul(orthonormal, change[..., None])
-        change -= np.matmul(share.swapaxes(-1, -2), orthonormal)[..., 0, :]
-        back = batch.collected((gradient * change).sum(axis=2)).reshape(2, -1)
-        return back + shift * x + beta2 * np.stack([laplacian @ x[0], laplacian @ x[1]])
-
-    precondition = _block_jacobi(batch, gradient, shift + beta2 * laplacian.diagonal())
-
-    def dot(a: Array, b: Array) -> Array:
-        return batch.by_problem((a * b).sum(axis=0)).sum(axis=1)
-
-    def spread(a: Array) -> Array:
-        return np.repeat(a, batch.start.shape[2])
-
-    x = np.zeros_like(force)
-    residual = force
-    direction = precondition(residual)
-    slope = dot(residual, direction)
-    for _ in range(CONJUGATE_GRADIENT_STEPS):
-        applied = apply(direction)
-        curvature = dot(direction, applied)
-        length = np.divide(slope, curvature, out=np.zeros_like(slope), where=curvature > 0.0)
-        x = x + spread(length) * direction
-        residual = residual - spread(length) * applied
-        preconditioned = precondition(residual)
-        new_slope = dot(residual, preconditioned)
-        ratio = np.divide(new_slope, slope, out=np.zeros_like(slope), where=slope > 0.0)
-        direction = preconditioned + spread(ratio) * direction
-        slope = new_slope
-    return x
-
-
-def _block_jacobi(batch: Batch, gradient: Array, shift: Array):  # type: ignore[no-untyped-def]
-    """Inverse of the system's 2 x 2 blocks on the diagonal, without the projection."""
-    products = np.stack([(gradient[a] * gradient[b]).sum(axis=1) for a, b in ((0, 0), (0, 1), (1, 1))])
-    uu, uv, vv = (batch.diagonal @ product.ravel() for product in products)
-    uu, vv = uu + shift, vv + shift
-    inverse = uu * vv - uv**2
-    inverse = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
-
-    def precondition(x: Array) -> Array:
-        return np.stack([(vv * x[0] - uv * x[1]) * inverse, (uu * x[1] - uv * x[0]) * inverse])
-
-    return precondition
+    slope = dictionary.derivative_matrix
+    along = np.stack([np.matmul(slope.T, grid), np.matmul(grid, slope)], axis=1)
+    u_table, v_table = fit.tables
+    across = np.matmul(along.reshape(batch.problems, -1, v_table.shape[1]), v_table)
+    return np.einsum("bcdin,bin->cbdn", across.reshape(*along.shape[:-1], -1), u_table)
 
 
 def smallest_determinant(batch: Batch, domain: Array) -> Array:

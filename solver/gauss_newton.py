@@ -1,0 +1,108 @@
+"""The linear systems of the default patch solver: Gauss-Newton steps of many domains at once, matrix-free.
+
+The Jacobian of signal d's residual is -(I - Q_d^T Q_d) G_d W: W takes the vertices' moves to the observations, G_d are
+the fitted function's gradients there, and the projection takes out what the coefficients make good (Kaufman 1975).
+Only a direction comes of it, so single precision does, at half the memory traffic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .batch import Batch
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+CONJUGATE_GRADIENT_STEPS = 8
+
+
+def gauss_newton_move(
+    batch: Batch, orthonormal: Array, gradient: Array, weights: tuple[float, float], damping: Array, force: Array
+) -> Array:
+    """A few preconditioned conjugate-gradient steps on the damped Gauss-Newton system, all problems at once.
+
+    Parameters
+    ----------
+    batch
+        The problems.
+    orthonormal
+        Q: rows that span the weighted functions, (B, D, s, N).
+    gradient
+        Weighted gradients of the fitted functions at the observations, (2, B, D, N).
+    weights
+        beta1 and beta2 of eq. 4.
+    damping
+        Levenberg-Marquardt damping, (B,).
+    force
+        Right-hand side: half the negative gradient of the energy, (2, B, m).
+
+    Returns
+    -------
+    ndarray
+        Move of the vertices, (2, B, m).
+    """
+    beta1, beta2 = np.float32(weights[0]), np.float32(weights[1])
+    rows, slopes = orthonormal.astype(np.float32), gradient.astype(np.float32)
+    shift = beta1 + damping.astype(np.float32)[:, None]
+    single = batch.single
+
+    def apply(move: Singles) -> Singles:
+        observed = (single.observe @ move.ravel()).reshape(2, batch.problems, 1, -1)
+        change = slopes[0] * observed[0]
+        change += slopes[1] * observed[1]
+        share = np.matmul(rows, change[..., None])
+        change -= np.matmul(share.swapaxes(-1, -2), rows)[..., 0, :]
+        forces = np.einsum("cbdn,bdn->cbn", slopes, change)
+        back: Singles = (single.collect @ forces.ravel()).reshape(move.shape)
+        back += shift * move
+        back += beta2 * (single.laplacian @ move.ravel()).reshape(move.shape)
+        return back
+
+    precondition = _block_jacobi(batch, slopes, shift + beta2 * single.laplacian_diagonal)
+    return _conjugate_gradients(apply, precondition, force.astype(np.float32)).astype(np.float64)
+
+
+def _conjugate_gradients(
+    apply: Callable[[Singles], Singles], precondition: Callable[[Singles], Singles], force: Singles
+) -> Singles:
+    """Every problem has step lengths of its own; vectors are (2, B, m)."""
+
+    def dot(a: Singles, b: Singles) -> Singles:
+        return np.einsum("cbm,cbm->b", a, b)[:, None]
+
+    def ratio(a: Singles, b: Singles) -> Singles:
+        return np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)
+
+    move = np.zeros_like(force)
+    residual = force
+    direction = precondition(residual)
+    slope = dot(residual, direction)
+    for _ in range(CONJUGATE_GRADIENT_STEPS):
+        applied = apply(direction)
+        length = ratio(slope, dot(direction, applied))
+        move += length * direction
+        residual = residual - length * applied
+        preconditioned = precondition(residual)
+        following = dot(residual, preconditioned)
+        direction = preconditioned + ratio(following, slope) * direction
+        slope = following
+    return move
+
+
+def _block_jacobi(batch: Batch, slopes: Singles, shift: Singles) -> Callable[[Singles], Singles]:
+    """Inverse of the system's 2 x 2 blocks on the diagonal, without the projection."""
+    products = [np.einsum("bdn,bdn->bn", slopes[a], slopes[b]) for a, b in ((0, 0), (0, 1), (1, 1))]
+    uu, uv, vv = ((batch.single.diagonal @ product.ravel()).reshape(shift.shape) for product in products)
+    uu, vv = uu + shift, vv + shift
+    inverse = uu * vv - uv**2
+    inverse = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
+    uu, uv, vv = uu * inverse, uv * inverse, vv * inverse
+
+    def precondition(x: Singles) -> Singles:
+        return np.stack([vv * x[0] - uv * x[1], uu * x[1] - uv * x[0]])
+
+    return precondition
