@@ -180,12 +180,13 @@ def check_writable_kinds(options: argparse.Namespace) -> None:
 def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
     """Write the files that were asked for, each complete or not at all."""
     from .operators import files
+    from .operators.drafts import beside
 
     if options.output is not None:
         files.write_meshes(options.output, [each.result for each in made])
     if options.report is not None:
         report = made[0].report if len(made) == 1 else {each.source.name: each.report for each in made}
-        with files.beside(options.report) as draft:
+        with beside(options.report) as draft:
             draft.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     if options.heatmap is not None:
         _render_heat_maps(options, made)

@@ -6,11 +6,7 @@ out where it went in.
 
 from __future__ import annotations
 
-import contextlib
-import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +15,7 @@ import bpy
 from bpy.types import Object
 
 from ..solver.errors import FileFormatError, InputError
+from .drafts import beside
 
 _AXES = {"forward_axis": "Y", "up_axis": "Z"}  # Blender's own, which is: no turning
 
@@ -133,25 +130,6 @@ def write_meshes(path: Path, objects: Sequence[Object]) -> None:
             _EXPORTERS[suffix](str(draft))
         except RuntimeError as error:
             raise OSError(_first_line(error)) from error
-
-
-@contextlib.contextmanager
-def beside(path: Path) -> Iterator[Path]:
-    """Yield a place beside `path` to write to; what stands there at the end is renamed to `path`.
-
-    The place has the same file name, in a folder of its own, because exporters write further files
-    (materials, buffers) that refer to each other by name.  When the block fails nothing of it remains.
-    """
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}_", dir=path.absolute().parent))
-    try:
-        yield folder / path.name
-        written = sorted(folder.iterdir())
-        if folder / path.name not in written:
-            raise OSError(f"'{path}' was not written")
-        for product in written:
-            os.replace(product, path.absolute().parent / product.name)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _first_line(error: BaseException) -> str:

@@ -193,7 +193,7 @@ while True:
         print(job._process.pid, flush=True)
         time.sleep(60)
 """
-    for name, array in vars(creased_grid(100)).items():
+    for name, array in vars(creased_grid(80)).items():
         if array is not None:
             np.save(tmp_path / f"{name}.npy", array)
     owner = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)

@@ -1,0 +1,241 @@
+"""The command line as a process: what it writes, what it says, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy_missing = subprocess.run([sys.executable, "-c", "import bpy"], capture_output=True).returncode != 0
+pytestmark = pytest.mark.skipif(bpy_missing, reason="the command line needs bpy")
+
+QUICK = ("--iterations", "2", "--sweeps", "0", "--workers", "1")
+
+
+def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sparse_surface", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=cwd)
+
+
+def sheet(size: int = 16) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices, turned so that no axis is special, and quads of a folded sheet."""
+    axis = np.linspace(-1.0, 1.0, size)
+    x, y = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
+    z = 0.2 * np.abs(np.mod(2.0 * (0.8 * x + 0.6 * y), 2.0) - 1.0)
+    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
+    quads = np.stack([corner, corner + size, corner + size + 1, corner + 1], axis=1)
+    return np.round(np.stack([x, 2.0 + y, z - 3.0], axis=1), 6), quads
+
+
+def write_obj(path: Path, vertices: np.ndarray, faces: Sequence[Sequence[int]]) -> Path:
+    lines = ["v {:.6f} {:.6f} {:.6f}".format(*point) for point in vertices]
+    lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def read_obj(path: Path) -> tuple[np.ndarray, list[list[int]]]:
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = np.array([[float(word) for word in row[1:4]] for row in rows if row[:1] == ["v"]])
+    faces = [[int(word.split("/")[0]) - 1 for word in row[1:]] for row in rows if row[:1] == ["f"]]
+    return vertices, faces
+
+
+def read_ply_header(path: Path) -> list[str]:
+    return path.read_bytes().split(b"end_header")[0].decode().splitlines()
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    return write_obj(tmp_path / "model.obj", *sheet())
+
+
+def test_approximate_writes_result_and_report(model: Path, tmp_path: Path) -> None:
+    out, report_file = tmp_path / "out.obj", tmp_path / "report.json"
+    done = run("approximate", model, "-o", out, "--report", report_file, *QUICK)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(report_file.read_text())
+    before, faces = sheet()
+    after, written_faces = read_obj(out)
+    assert written_faces == faces.tolist()
+    distance = np.linalg.norm(after - before, axis=1)
+    assert distance.max() == pytest.approx(report["vertex_error"]["max"], abs=3e-6)  # the file has six decimals
+    assert np.sqrt((distance**2).mean()) == pytest.approx(report["vertex_error"]["rms"], rel=1e-3)
+    assert 0.0 < report["relative"]["vertex_max"] < 0.05
+    assert report["settings"]["iterations"] == 2
+    assert f"{report['patches']} patches" in done.stdout
+    assert "100%" in done.stdout or "Solving patches" in done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model.obj", "out.mtl", "out.obj", "report.json"]
+
+
+@pytest.mark.parametrize("ending", [".obj", ".ply", ".stl", ".blend", ".glb", ".usdc"])
+def test_an_unmoved_vertex_comes_out_where_it_went_in(model: Path, tmp_path: Path, ending: str) -> None:
+    """A whole round: file to file to .obj, with a sheet that the solver passes through (its only triangle pair)."""
+    plane = np.array([[0, 2, -3], [1, 2, -3], [1, 3, -3.5], [0, 3, -3.5]])
+    first = write_obj(tmp_path / "flat.obj", plane, [[0, 1, 2], [0, 2, 3]])
+    middle, last = tmp_path / f"middle{ending}", tmp_path / "last.obj"
+    assert run("approximate", first, "-o", middle, *QUICK).returncode == 0
+    done = run("approximate", middle, "-o", last, *QUICK, *(["--object", "flat"] if ending == ".blend" else []))
+    assert done.returncode == 0, done.stderr
+    after, _ = read_obj(last)
+    if ending in (".glb",):  # a format whose own axes are others: only the round trip can be compared
+        assert sorted(map(tuple, np.round(after, 4))) == sorted(map(tuple, np.round(plane, 4)))
+    else:
+        assert np.allclose(after, plane, atol=1e-5)
+
+
+def test_ply_keeps_vertices_without_faces_and_gets_the_error(tmp_path: Path) -> None:
+    vertices, faces = sheet()
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(vertices) + 2}"]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", "9 9 9"]
+    lines += ["{:.6f} {:.6f} {:.6f}".format(*point) for point in vertices] + ["8 8 8"]
+    lines += ["4 " + " ".join(str(corner + 1) for corner in face) for face in faces]
+    source = tmp_path / "scan.ply"
+    source.write_text("\n".join(lines) + "\n")
+    out = tmp_path / "out.ply"
+    done = run("approximate", source, "-o", out, *QUICK)
+    assert done.returncode == 0, done.stderr
+    header = read_ply_header(out)
+    assert f"element vertex {len(vertices) + 2}" in header
+    assert "property float error" in header
+    assert "property uchar red" in header
+
+
+def test_modifiers_of_a_blend_file_are_evaluated_and_the_result_joins_it(tmp_path: Path) -> None:
+    made = tmp_path / "made.blend"
+    script = (
+        "import bpy, sys\n"
+        "bpy.ops.wm.read_homefile(use_empty=True)\n"
+        "bpy.ops.mesh.primitive_monkey_add()\n"
+        "bpy.context.object.modifiers.new('S', 'SUBSURF').levels = 1\n"
+        "bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])\n"
+    )
+    subprocess.run([sys.executable, "-c", script, str(made)], check=True, capture_output=True)
+    out, report = tmp_path / "out.blend", tmp_path / "report.json"
+    done = run("approximate", made, "-o", out, "--report", report, *QUICK)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(report.read_text())["input"]["vertices"] > 1900
+    look = (
+        "import bpy, sys\n"
+        "bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
+        "made = bpy.data.objects['Suzanne Sparse Surface']\n"
+        "print(sorted(o.name for o in bpy.data.objects), made['sparse_surface']['patches'])\n"
+    )
+    seen = subprocess.run([sys.executable, "-c", look, str(out)], check=True, capture_output=True, text=True)
+    assert "['Suzanne', 'Suzanne Sparse Surface']" in seen.stdout
+
+
+def test_presets_are_those_of_the_panel(model: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    done = run("approximate", model, "--preset", "fast", "--ring", "5", "--workers", "1", "--report", report)
+    assert done.returncode == 0, done.stderr
+    settings = json.loads(report.read_text())["settings"]
+    assert (settings["iterations"], settings["sweeps"], settings["ring"]) == (6, 0, 5)
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "words"),
+    [
+        (None, "absent.obj", "There is no file"),
+        ("hello", "text.txt", "no kind that can be read"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "points.obj", "no "),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line.obj", "no area"),
+        ("", "empty.obj", "no mesh"),
+        ("ply\nformat ascii 1.0\nelement vertex 3\n", "cut.ply", "."),
+        ("not a blend file", "broken.blend", "cannot be read"),
+    ],
+)
+def test_refused_input(tmp_path: Path, content: str | None, name: str, words: str) -> None:
+    source, out = tmp_path / name, tmp_path / "out.ply"
+    if content is not None:
+        source.write_text(content)
+    done = run("approximate", source, "-o", out)
+    assert done.returncode == 1, done.stdout + done.stderr
+    said = [line for line in done.stderr.splitlines() if line.startswith("sparse_surface: ")]
+    assert len(said) == 1
+    assert words in said[0]
+    assert "Traceback" not in done.stderr
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("unknown",),
+        ("approximate",),
+        ("approximate", "{model}", "--ring", "many"),
+        ("approximate", "{model}", "--ring", "0"),
+        ("approximate", "{model}", "--method", "magic"),
+        ("approximate", "{model}", "-o", "out.unknown"),
+        ("approximate", "{model}", "-o", "no/such/folder/out.ply"),
+        ("approximate", "{model}", "--heatmap", "out.txt"),
+    ],
+)
+def test_wrong_usage(model: Path, tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    done = run(*(argument.format(model=model) for argument in arguments), cwd=tmp_path)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.strip()
+    assert [path.name for path in tmp_path.iterdir()] == ["model.obj"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal")
+def test_cancelled(tmp_path: Path) -> None:
+    model = write_obj(tmp_path / "model.obj", *sheet(120))
+    command = [sys.executable, "-m", "sparse_surface", "approximate", str(model), "-o", str(tmp_path / "out.ply")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if "Solving patches" in line:
+            break
+    process.send_signal(signal.SIGINT)
+    before = time.monotonic()
+    _, complaints = process.communicate(timeout=30)
+    assert process.returncode == 130, complaints
+    assert time.monotonic() - before < 10.0
+    assert "cancelled" in complaints
+    assert [path.name for path in tmp_path.iterdir()] == ["model.obj"]
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "closed"
+    folder.mkdir(mode=0o500)
+    done = run("approximate", model, "-o", folder / "out.ply", *QUICK)
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_an_older_output_is_kept_when_writing_fails(model: Path, tmp_path: Path) -> None:
+    from sparse_surface.operators.drafts import beside
+
+    target = tmp_path / "old.json"
+    target.write_text("old")
+
+    def fail_in_the_middle() -> None:
+        with beside(target) as draft:
+            draft.write_text("half")
+            raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk"):
+        fail_in_the_middle()
+    assert target.read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model.obj", "old.json"]
+
+
+def test_help_names_every_setting(tmp_path: Path) -> None:
+    from sparse_surface.solver import Settings
+
+    done = run("approximate", "--help")
+    assert done.returncode == 0
+    for name in Settings().as_dict():
+        assert "--" + name.replace("_", "-") in done.stdout
