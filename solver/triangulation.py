@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -140,49 +141,95 @@ def clip_ears(polygon: Floats) -> Integers:
     -------
     Corner numbers of the triangles, (n - 2, 3).
     """
-    size = len(polygon)
-    left, right = np.roll(np.arange(size), 1), np.roll(np.arange(size), -1)
-    alive = np.ones(size, dtype=bool)
-    turn = _turn(polygon[left], polygon, polygon[right])
-    triangles = []
-    for _ in range(size - 2):
-        ear = _next_ear(polygon, left, right, alive, turn)
-        before, after = left[ear], right[ear]
-        triangles.append((before, ear, after))
-        alive[ear] = False
-        right[before], left[after] = after, before
-        ends = np.array([before, after])
-        turn[ends] = _turn(polygon[left[ends]], polygon[ends], polygon[right[ends]])
+    corners = _Corners.of(polygon)
+    triangles: list[tuple[int, int, int]] = []
+    while len(triangles) < len(polygon) - 2:
+        ears = corners.some_ears() or [corners.flattest()]
+        triangles += [corners.cut(ear) for ear in ears[: len(polygon) - 2 - len(triangles)]]
     return np.array(triangles, dtype=np.int64)
 
 
-def _next_ear(polygon: Floats, left: Integers, right: Integers, alive: Booleans, turn: Floats) -> int:
-    candidates = np.flatnonzero(alive & (turn > 0))
-    reflex = polygon[alive & (turn <= 0)]
-    # Fattest corners first: fewer needles.
-    shape = turn[candidates] / _longest_squared(
-        polygon[left[candidates]], polygon[candidates], polygon[right[candidates]]
-    )
-    for ear in candidates[np.argsort(-shape, kind="stable")]:
-        if not _contains_any(polygon[left[ear]], polygon[ear], polygon[right[ear]], reflex):
-            return int(ear)
-    remaining = np.flatnonzero(alive)
-    return int(remaining[np.argmin(np.abs(turn[remaining]))])
+@dataclass(eq=False)
+class _Corners:
+    """The corners of a polygon while ears are cut off it, all arrays (n, ...).
+
+    `left` and `right` are the neighbours left over, `turn` is positive at convex corners, and `blocker` is a corner
+    found inside of what would be an ear, or -1.
+    """
+
+    places: Floats
+    left: Integers
+    right: Integers
+    alive: Booleans
+    turn: Floats
+    blocker: Integers
+
+    @classmethod
+    def of(cls, places: Floats) -> _Corners:
+        number = np.arange(len(places))
+        left, right = np.roll(number, 1), np.roll(number, -1)
+        turn = _turn(places[left], places, places[right])
+        return cls(places, left, right, np.ones(len(places), dtype=bool), turn, np.full(len(places), -1))
+
+    def some_ears(self) -> list[int]:
+        """Return ears that can all be cut off because no two are neighbours.
+
+        Cutting takes nothing but convex corners away, so an ear stays one while others are cut, and what is blocked by
+        a reflex corner stays so until that corner is convex.
+        """
+        is_reflex = self.alive & (self.turn <= 0)
+        candidates = np.flatnonzero(self.alive & (self.turn > 0) & ~((self.blocker >= 0) & is_reflex[self.blocker]))
+        reflex = np.flatnonzero(is_reflex)
+        reflex = reflex[np.argsort(self.places[reflex, 0], kind="stable")]
+        untouched = self.alive.copy()
+        ears: list[int] = []
+        # Fattest corners first, and never all at once: fewer needles.
+        for number, ear in enumerate(candidates[np.argsort(-self._shape(candidates), kind="stable")]):
+            if ears and 2 * number >= len(candidates):
+                break
+            if untouched[ear]:
+                self.blocker[ear] = self._find_blocker(ear, reflex)
+                if self.blocker[ear] < 0:
+                    ears.append(int(ear))
+                    untouched[[self.left[ear], self.right[ear]]] = False
+        return ears
+
+    def flattest(self) -> int:
+        """Return the corner that is nearest to a straight line."""
+        remaining = np.flatnonzero(self.alive)
+        return int(remaining[np.argmin(np.abs(self.turn[remaining]))])
+
+    def cut(self, ear: int) -> tuple[int, int, int]:
+        """Take a corner away and return its triangle."""
+        before, after = int(self.left[ear]), int(self.right[ear])
+        self.alive[ear] = False
+        self.right[before], self.left[after] = after, before
+        ends = np.array([before, after])
+        self.turn[ends] = _turn(self.places[self.left[ends]], self.places[ends], self.places[self.right[ends]])
+        self.blocker[ends] = -1
+        return before, ear, after
+
+    def _shape(self, ears: Integers) -> Floats:
+        a, b, c = self.places[self.left[ears]], self.places[ears], self.places[self.right[ears]]
+        longest = np.max([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+        shape: Floats = self.turn[ears] / np.maximum(longest, np.finfo(np.float64).tiny)
+        return shape
+
+    def _find_blocker(self, ear: int, reflex: Integers) -> int:
+        """Return a reflex corner in the triangle or on its border, or -1; corners at its own places do not count.
+
+        The reflex corners are sorted by x, so that only those between the triangle's ends need a look.
+        """
+        a, b, c = self.places[self.left[ear]], self.places[ear], self.places[self.right[ear]]
+        x = self.places[reflex, 0]
+        near = reflex[x.searchsorted(min(a[0], b[0], c[0])) : x.searchsorted(max(a[0], b[0], c[0]), side="right")]
+        places = self.places[near]
+        inside = (_turn(a, b, places) >= 0) & (_turn(b, c, places) >= 0) & (_turn(c, a, places) >= 0)
+        inside &= ~((places == a).all(axis=1) | (places == b).all(axis=1) | (places == c).all(axis=1))
+        return int(near[np.argmax(inside)]) if inside.any() else -1
 
 
 def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
     one, two = b - a, c - b
     turn: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
     return turn
-
-
-def _longest_squared(a: Floats, b: Floats, c: Floats) -> Floats:
-    squared = [((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))]
-    return np.maximum(np.max(squared, axis=0), np.finfo(np.float64).tiny)
-
-
-def _contains_any(a: Floats, b: Floats, c: Floats, points: Floats) -> bool:
-    """Tell whether a point lies in the triangle or on its border; corners of the triangle do not count."""
-    inside = (_turn(a, b, points) >= 0) & (_turn(b, c, points) >= 0) & (_turn(c, a, points) >= 0)
-    inside &= ~((points == a).all(axis=1) | (points == b).all(axis=1) | (points == c).all(axis=1))
-    return bool(inside.any())

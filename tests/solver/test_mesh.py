@@ -210,6 +210,17 @@ def test_a_comb_of_a_thousand_corners():
     assert areas.sum() == pytest.approx(shoelace(points))
 
 
+def test_a_spiral_corridor():
+    turn = np.linspace(0, 12 * np.pi, 500)
+    inner = (1 + turn) * np.stack((np.cos(turn), np.sin(turn)))
+    outer = (3 + turn) * np.stack((np.cos(turn), np.sin(turn)))
+    points = np.concatenate((outer.T, inner.T[::-1]))
+    triangles = clip_ears(points)
+    areas = flat_areas(points, triangles)
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(shoelace(points))
+
+
 @pytest.mark.parametrize(
     "points",
     [
