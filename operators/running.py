@@ -33,8 +33,8 @@ class Run:
 
     Attributes
     ----------
-    sources
-        What is approximated, in this order.
+    tasks
+        What is approximated, in this order, and how.
     results
         What is done, with its source.
     refusals
@@ -43,8 +43,7 @@ class Run:
         What the solver said last, its fraction that of the whole run.
     """
 
-    sources: list[Source]
-    settings: Settings
+    tasks: list[tuple[Source, Settings]]
     previews: bool = False
     results: list[tuple[Source, Outcome]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
@@ -59,23 +58,23 @@ class Run:
     @property
     def done(self) -> bool:
         """Whether nothing is left to be solved."""
-        return self._job is None and self._begun == len(self.sources)
+        return self._job is None and self._begun == len(self.tasks)
 
     @property
     def current_source(self) -> Source | None:
         """The object that is being solved."""
-        return self.sources[self._begun - 1] if self._job is not None else None
+        return self.tasks[self._begun - 1][0] if self._job is not None else None
 
     def advance(self) -> Progress | None:
         """Take in what the child says, start the next one where it is done; return new progress, if any."""
-        if self._job is None and self._begun < len(self.sources):
+        if self._job is None and self._begun < len(self.tasks):
             self._start_next()
         if self._job is None:
             return None
         said = self._job.poll()
         if said is not None:
-            before = (self._begun - 1) / len(self.sources)
-            said = self.progress = replace(said, fraction=before + said.fraction / len(self.sources))
+            before = (self._begun - 1) / len(self.tasks)
+            said = self.progress = replace(said, fraction=before + said.fraction / len(self.tasks))
         if not self._job.running:
             self._take_result(self._job)
         return said
@@ -83,7 +82,7 @@ class Run:
     def finish(self) -> None:
         """Keep the best result so far: end the current object early and begin no other."""
         self.finishing = True
-        del self.sources[self._begun :]
+        del self.tasks[self._begun :]
         if self._job is not None:
             self._job.finish()
 
@@ -105,17 +104,17 @@ class Run:
 
         folder = Path(bpy.app.tempdir) / f"sparse_surface_job_{self._begun}_{time.monotonic_ns()}"
         job = Job(folder, python=(sys.executable, *bpy.app.python_args))
-        source = self.sources[self._begun]
+        source, settings = self.tasks[self._begun]
         self._begun += 1
         try:
-            job.start(source.arrays, self.settings, previews=self.previews)
+            job.start(source.arrays, settings, previews=self.previews)
         except OSError as error:
             self.refusals.append(f"'{source.name}': the solver's process could not be started ({error}).")
         else:
             self._job = job
 
     def _take_result(self, job: Job) -> None:
-        source = self.sources[self._begun - 1]
+        source = self.tasks[self._begun - 1][0]
         if job.outcome is not None:
             self.results.append((source, job.outcome))
         else:
