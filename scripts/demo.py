@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 import sparse_surface
+from mathutils import Euler, Vector
 from sparse_surface.operators import files
 from sparse_surface.operators.heatmap_render import render_heatmap
 from sparse_surface.operators.result_object import read_report
@@ -60,13 +62,19 @@ def approximate(sources: list[Any]) -> list[Any]:
     return sorted(set(bpy.data.objects) - before, key=lambda made: made.name)
 
 
-def show_colours() -> None:
-    """Have the saved file open with the error colours in its viewports."""
-    for screen in bpy.data.screens:
-        for area in screen.areas:
-            if area.type == "VIEW_3D":
-                area.spaces.active.shading.type = "SOLID"
-                area.spaces.active.shading.color_type = "VERTEX"
+def set_up_viewports(shown: list[Any]) -> None:
+    """Have the saved file open with these objects in view and the error colours on them."""
+    bpy.context.view_layer.update()
+    for found in bpy.context.view_layer.objects:
+        found.select_set(False)
+    corners = np.array([found.matrix_world @ Vector(corner) for found in shown for corner in found.bound_box])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    for area in (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"):
+        space = area.spaces.active
+        space.shading.type, space.shading.color_type = "SOLID", "VERTEX"
+        view = space.region_3d
+        view.view_rotation = Euler((np.radians(66.0), 0.0, np.radians(12.0))).to_quaternion()
+        view.view_location, view.view_distance = (low + high) / 2, 1.3 * float(np.linalg.norm(high - low))
 
 
 def write(name: str, source: Any, result: Any, up: str) -> dict[str, Any]:
@@ -91,7 +99,7 @@ def show(name: str, make: Callable[[], list[Any]], up: str = "Z") -> None:
             own = name if len(sources) == 1 else f"{name}_{bpy.path.clean_name(source.name)}"
             print_summary(own, write(own, source, result, up))
             result.location.x += 1.15 * result.dimensions.x
-    show_colours()
+    set_up_viewports([*sources, *results])
     files.write_meshes(OUT / f"{name}.blend", results)
     print(f"  done in {time.perf_counter() - start:.1f} s\n", flush=True)
 
