@@ -271,7 +271,7 @@ def _give_way() -> None:
         below_normal = 0x4000
         ctypes.windll.kernel32.SetPriorityClass(ctypes.windll.kernel32.GetCurrentProcess(), below_normal)
     else:
-        os.nice(10)
+        os.nice(5)
 
 
 def _run(folder: Path, send: Callable[..., None], requests: _Requests) -> None:
