@@ -313,6 +313,30 @@ def _copy_mesh(made_from: Object, source: Source, context: Context) -> Mesh:
     return mesh
 
 
+def create_mesh(
+    name: str,
+    positions: NDArray[np.floating[Any]],
+    corners: NDArray[np.integer[Any]],
+    sizes: NDArray[np.integer[Any]],
+    loose_edges: NDArray[np.integer[Any]] | None = None,
+) -> Mesh:
+    """Make a mesh of local positions (V, 3), the polygons' corners (L,) and numbers of corners (F,), and edges (E, 2)."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(positions))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+    if loose_edges is not None and len(loose_edges):
+        mesh.edges.add(len(loose_edges))
+        mesh.edges.foreach_set("vertices", np.ascontiguousarray(loose_edges, dtype=np.int32).ravel())
+    if len(sizes):
+        mesh.loops.add(len(corners))
+        mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(corners, dtype=np.int32))
+        mesh.polygons.add(len(sizes))
+        starts = np.cumsum(sizes) - sizes
+        mesh.polygons.foreach_set("loop_start", np.ascontiguousarray(starts, dtype=np.int32))
+    mesh.update(calc_edges=True, calc_edges_loose=True)
+    return mesh
+
+
 def set_positions(mesh: Mesh, positions: NDArray[np.float32]) -> None:
     """Move the vertices of a mesh to local positions (V, 3)."""
     mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())

@@ -30,9 +30,13 @@ NAME_BYTES = 63
 
 
 def result_name(source_name: str) -> str:
-    """Return the name of a result object; where it gets too long the source's part gives way."""
-    ending = " Sparse Surface"
-    return source_name.encode()[: NAME_BYTES - len(ending)].decode(errors="ignore") + ending
+    """Return the name of a result object."""
+    return cut_name(source_name, " Sparse Surface")
+
+
+def cut_name(name: str, ending: str) -> str:
+    """Return a name with an ending; where both are too long the name gives way."""
+    return name.encode()[: NAME_BYTES - len(ending.encode())].decode(errors="ignore") + ending
 
 
 def read_report(candidate: Object | None) -> dict[str, Any] | None:
