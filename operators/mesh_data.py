@@ -320,7 +320,7 @@ def create_mesh(
     sizes: NDArray[np.integer[Any]],
     loose_edges: NDArray[np.integer[Any]] | None = None,
 ) -> Mesh:
-    """Make a mesh of local positions (V, 3), polygon corners (L,), numbers of corners (F,), and further edges (E, 2)."""
+    """Make a mesh of local positions (V, 3), corners (L,), numbers of corners (F,), and more edges (E, 2)."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(positions))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
