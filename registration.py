@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy.props import PointerProperty
 
-from .operators import approximate, cancel, compare, copy_statistics, finish, running, show_heat_map
+from .operators import approximate, cancel, compare, copy_statistics, finish, running, separate_patches, show_heat_map
 from .ui import command, legend, panels, preferences, presets, properties, translations
 
 CLASSES: tuple[type, ...] = (
@@ -19,6 +19,7 @@ CLASSES: tuple[type, ...] = (
     *show_heat_map.CLASSES,
     *compare.CLASSES,
     *copy_statistics.CLASSES,
+    *separate_patches.CLASSES,
     *presets.CLASSES,
     *panels.CLASSES,
 )

@@ -167,6 +167,7 @@ class SPARSE_SURFACE_PT_statistics(SidebarPanel, Panel):
         row = self.layout.row(align=True)
         row.operator("sparse_surface.copy_statistics", text="Copy as Text", icon="COPYDOWN").form = "TEXT"
         row.operator("sparse_surface.copy_statistics", text="Copy as JSON").form = "JSON"
+        self.layout.operator("sparse_surface.separate_patches", icon="OUTLINER_COLLECTION")
 
 
 def draw_progress(layout: UILayout, run: running.Run) -> None:
