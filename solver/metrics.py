@@ -28,12 +28,14 @@ def statistics(error: Array) -> dict[str, float]:
     }
 
 
-def surface_error(representation: Representation, triangles: Indices | None = None) -> Array:
-    """|S(x) - x| at the six interior points of every triangle, (T, 6), or of the `triangles` named."""
+def surface_error(
+    representation: Representation, triangles: Indices | None = None, samples: Array = SURFACE_SAMPLES
+) -> Array:
+    """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named; at the six fixed ones by default."""
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
-    face = np.repeat(asked, len(SURFACE_SAMPLES))
-    corners = np.tile(SURFACE_SAMPLES, (len(asked), 1))
-    flat = np.einsum("sk,tkd->tsd", SURFACE_SAMPLES, representation.vertices[representation.triangles[asked]])
+    face = np.repeat(asked, len(samples))
+    corners = np.tile(samples, (len(asked), 1))
+    flat = np.einsum("sk,tkd->tsd", samples, representation.vertices[representation.triangles[asked]])
     points = representation.evaluate(face, corners).reshape(flat.shape)
     distance: Array = np.linalg.norm(points - flat, axis=2)
     return distance

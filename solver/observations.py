@@ -58,6 +58,14 @@ class PatchObservations:
     noise: float = 0.0
 
 
+def small_patch_degree(observations: int) -> int:
+    """Highest total degree, at most 7, of which there are at least two observations for each polynomial."""
+    degree = SMALL_PATCH_DEGREE
+    while degree > 0 and (degree + 1) * (degree + 2) > observations:
+        degree -= 1
+    return degree
+
+
 class Observations(Protocol):
     """All observations, and which of them each patch has.
 
@@ -141,7 +149,9 @@ class MeshObservations:
         weight = SMALL_PATCH_INSIDE_WEIGHT if small else CENTROID_WEIGHT
         first = self._first_dense[mesh_triangles] if small else len(self.vertices) + mesh_triangles
         inside = (first[:, None] + np.arange(len(samples))).ravel()
-        corners = np.concatenate([np.repeat(np.arange(count), 3).reshape(-1, 3), np.repeat(triangles, len(samples), axis=0)])
+        corners = np.concatenate(
+            [np.repeat(np.arange(count), 3).reshape(-1, 3), np.repeat(triangles, len(samples), axis=0)]
+        )
         shares = np.concatenate([np.tile([1.0, 0.0, 0.0], (count, 1)), np.tile(samples, (len(triangles), 1))])
         own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
         if self._weights is not None:
@@ -155,5 +165,5 @@ class MeshObservations:
             shares,
             own,
             blending,
-            SMALL_PATCH_DEGREE if small and self._inside else ANY_DEGREE,
+            small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE,
         )

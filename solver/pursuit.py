@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+RIDGE = 1e-12
 INDEPENDENT = 1e-10
 """A function counts as independent of those chosen while this share of its squared norm is left over."""
 
@@ -197,7 +198,11 @@ def _regress(
 ) -> _Selection:
     """Least squares of the signals and of all functions on the chosen ones."""
     rows = gram[patch[:, None], support]
-    inverse = np.linalg.inv(np.take_along_axis(rows, support[:, None, :], axis=2))
+    among = np.take_along_axis(rows, support[:, None, :], axis=2)
+    # Functions that depend on each other up to rounding must not stop the others.
+    diagonal = np.arange(support.shape[1])
+    among[:, diagonal, diagonal] *= 1.0 + RIDGE
+    inverse = np.linalg.inv(among)
     regression = np.matmul(inverse, rows)
     own = np.take_along_axis(correlation, support, axis=1)
     coefficients = np.matmul(inverse, own[..., None])[..., 0]

@@ -16,3 +16,7 @@ SURFACE_SAMPLES = np.array(
     ]
 )
 """Barycentric coordinates of six interior points (Dunavant 1985, the rule of degree 4), (6, 3)."""
+
+
+LATTICE = np.array([[4 - i - j, i, j] for i in range(5) for j in range(5 - i)]) / 4.0
+"""Barycentric coordinates of a lattice that quarters every edge, corners included, (15, 3)."""

@@ -24,6 +24,7 @@ from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
 from .patches import Patches, overlay_patches
 from .progress import FINISH, Progress, Steps
 from .representation import Representation
+from .sampling import LATTICE, SURFACE_SAMPLES
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -35,6 +36,11 @@ LADDER = ((4, 1), (3, 1), (2, 2), (2, 4), (1, 4))
 
 MARGIN = 0.97
 """Share of the tolerance that is aimed at, for the places between those that are measured."""
+
+DENSE_SAMPLES = np.concatenate([SURFACE_SAMPLES, LATTICE])
+"""Where the error is compared with the tolerance: also on the edges and at the corners."""
+
+TRIANGLES_AT_ONCE = 50_000
 
 HIDDEN = 1e-2
 """A patch that nowhere has more weight than this is dropped."""
@@ -100,7 +106,9 @@ def keep_tolerance(
         changed[added.mesh_triangles] = True
         outside = (outside & ~changed) | _outside(surface, settings, changed)
         surface.rounds.append({"ring": ring, "sparsity": richer.sparsity, "patches": len(added)})
-        request = yield Progress("Keeping the tolerance", level / (len(LADDER) + 1), f"{int(outside.sum())} triangles left")
+        request = yield Progress(
+            "Keeping the tolerance", level / (len(LADDER) + 1), f"{int(outside.sum())} triangles left"
+        )
         finish = request == FINISH
     reproduced = _pass_through(surface, settings, outside)
     _drop_hidden(surface)
@@ -116,11 +124,10 @@ def _outside(surface: RefinedSurface, settings: Settings, asked: Booleans) -> Bo
     """Triangles among those asked for whose error somewhere exceeds the tolerance, (T,)."""
     triangles = np.flatnonzero(asked)
     representation = surface.representation(settings)
-    limit = MARGIN * settings.tolerance
     result = np.zeros(len(asked), dtype=bool)
-    result[triangles] = surface_error(representation, triangles).max(axis=1, initial=0.0) > limit
-    at_vertices = np.linalg.norm(representation.at_vertices() - surface.mesh.vertices, axis=1) > limit
-    result[triangles] |= at_vertices[surface.mesh.triangles[triangles]].any(axis=1)
+    for part in np.array_split(triangles, 1 + len(triangles) // TRIANGLES_AT_ONCE):
+        error = surface_error(representation, part, DENSE_SAMPLES).max(axis=1, initial=0.0)
+        result[part] = error > MARGIN * settings.tolerance
     return result
 
 

@@ -1,0 +1,76 @@
+"""A tolerance is kept everywhere, by finer patches where they are needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.adaptive import with_domains
+from sparse_surface.solver.cover import build_cover
+from sparse_surface.solver.initial_domains import domain_quality, initial_domains
+from sparse_surface.solver.mesh import build_mesh
+from sparse_surface.solver.models import MODELS, cube, tube
+from sparse_surface.solver.patches import build_patches
+
+
+def independent_error(result, vertices):
+    """Largest distance at random points, not at those that the solver looks at."""
+    representation = result.representation
+    rng = np.random.default_rng(5)
+    face = np.repeat(np.arange(len(representation.triangles)), 12)
+    barycentric = rng.dirichlet(np.ones(3), size=len(face))
+    flat = np.einsum("nk,nkd->nd", barycentric, vertices[representation.triangles[face]])
+    return np.linalg.norm(representation.evaluate(face, barycentric) - flat, axis=1).max()
+
+
+@pytest.mark.parametrize(("share", "most_reproduced"), [(0.01, 0), (0.004, 400)])
+def test_the_cube_keeps_a_tolerance_between_the_measured_points_too(share, most_reproduced):
+    vertices, faces = cube()
+    result = approximate(vertices, faces, Settings(workers=1, tolerance=share, sweeps=0, iterations=8))
+    kept = result.report["tolerance"]
+    assert kept["achieved"] <= share
+    assert max(result.report["vertex_error"]["max"], result.report["surface_error"]["max"]) == kept["achieved"]
+    assert independent_error(result, vertices) <= 1.1 * share
+    assert result.report["seam_max"] <= 1e-5
+    assert result.report["flipped_triangles"] == 0
+    assert kept["rounds"]
+    assert kept["vertices_reproduced"] <= most_reproduced
+
+
+def test_what_no_patch_can_do_is_reproduced_and_said():
+    vertices, faces = cube(6)
+    result = approximate(vertices, faces, Settings(workers=1, tolerance=2e-4, sweeps=0, iterations=4))
+    kept = result.report["tolerance"]
+    assert kept["achieved"] <= 2e-4
+    assert kept["vertices_reproduced"] == (result.patch == -1).sum() == result.report["passed_through_vertices"] > 0
+
+
+def test_a_tolerance_that_is_kept_already_costs_nothing():
+    vertices, faces = MODELS["cylinder"]()
+    size = np.ptp(vertices, axis=0).max()
+    plain = approximate(vertices, faces, Settings(workers=1, iterations=6, sweeps=0))
+    kept = approximate(vertices, faces, Settings(workers=1, iterations=6, sweeps=0, tolerance=0.2 * size))
+    assert kept.report["tolerance"]["rounds"] == []
+    assert kept.report["patches"] == plain.report["patches"]
+    assert kept.vertices.tobytes() == plain.vertices.tobytes()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("share", [0.01, 0.002, 0.0005])
+@pytest.mark.parametrize("model", sorted(MODELS))
+def test_every_model_keeps_every_tolerance(model, share):
+    vertices, faces = MODELS[model]()
+    size = np.ptp(vertices, axis=0).max()
+    report = approximate(vertices, faces, Settings(tolerance=share * size)).report
+    assert max(report["relative"]["vertex_max"], report["relative"]["surface_max"]) <= share
+
+
+def test_squeezed_patches_are_split():
+    mesh = build_mesh(*tube(8, 60))
+    whole = build_patches(mesh, build_cover(mesh, 7), 7)
+    patches, domains = with_domains(mesh, whole, Settings())
+    assert len(patches) >= len(whole)
+    assert len(domains) == len(patches.vertices)
+    before = domain_quality(mesh, whole, initial_domains(mesh, whole)).squeeze
+    after = domain_quality(mesh, patches, domains).squeeze
+    assert after[patches.rings > 2].min(initial=1.0) >= min(0.1, before.min())

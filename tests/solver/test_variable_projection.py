@@ -1,0 +1,108 @@
+"""The default patch solver against finite differences, dense least squares and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sparse_surface.solver.batch import build_batch
+from sparse_surface.solver.dictionary import Dictionary
+from sparse_surface.solver.variable_projection import (
+    DETERMINANT_FLOOR,
+    State,
+    downhill,
+    function_gradient,
+    least_squares,
+    regularisation,
+    select,
+    smallest_determinant,
+    solve,
+)
+
+from .synthetic import crease, hill, problem
+
+LEGENDRE = Dictionary(14, "legendre")
+WEIGHTS = (0.2, 0.1)
+
+
+def batch_of(*heights, inside=True):
+    return build_batch([problem(height, 10 + k, seed=k, inside=inside) for k, height in enumerate(heights)])
+
+
+def test_the_downhill_direction_is_half_the_gradient_by_finite_differences():
+    batch = batch_of(crease, hill)
+    rng = np.random.default_rng(1)
+    real = np.arange(batch.start.shape[2]) < batch.sizes[:, None]
+    domain = batch.start + 0.01 * rng.normal(size=batch.start.shape) * real
+    support = select(batch, LEGENDRE, domain, 8, "ols").support
+
+    def objective(moved):
+        flat = moved.reshape(2, -1)
+        fit = least_squares(batch, LEGENDRE, moved, support)
+        return (fit.misfit + regularisation(batch, flat, batch.energy.jacobian(flat), WEIGHTS)).sum()
+
+    state = State(domain, least_squares(batch, LEGENDRE, domain, support))
+    jacobian = batch.energy.jacobian(domain.reshape(2, -1))
+    force = downhill(batch, state, function_gradient(batch, LEGENDRE, state.fit), jacobian, WEIGHTS)
+    for _ in range(5):
+        direction = rng.normal(size=domain.shape) * real
+        difference = (objective(domain + 1e-6 * direction) - objective(domain - 1e-6 * direction)) / 2e-6
+        assert difference == pytest.approx(-2.0 * (force.reshape(domain.shape) * direction).sum(), rel=1e-5)
+
+
+def test_coefficients_are_those_of_dense_weighted_least_squares():
+    batch = batch_of(crease, hill)
+    fit = select(batch, LEGENDRE, batch.start, 15, "ols")
+    functions = LEGENDRE.evaluate(batch.observed(batch.start))
+    for k in range(2):
+        root = batch.root_weights[k, 0]
+        for d in range(3):
+            rows = functions[k, fit.support[k, d]] * root
+            expected = np.linalg.lstsq(rows.T, batch.values[k, d] * root, rcond=None)[0]
+            # fitted values rather than coefficients: nearly dependent functions may share theirs in many ways
+            np.testing.assert_allclose(fit.coefficients[k, d] @ rows, expected @ rows, atol=1e-8)
+
+
+@pytest.mark.parametrize(("height", "share"), [(crease, 0.35), (hill, 0.15)])
+def test_the_energy_falls_and_the_fit_is_far_better_than_over_the_fixed_domain(height, share):
+    batch = build_batch([problem(height, 18, inside=True)])
+    fixed = solve(batch, LEGENDRE, sparsity=15, iterations=0, beta1=0.2, beta2=0.1)
+    moved = solve(batch, LEGENDRE, sparsity=15, iterations=15, beta1=0.2, beta2=0.1)
+    energy = np.array(moved.trace.energy)[:, 0]
+    assert (np.diff(energy) <= 0.0).all()
+    assert moved.trace.squared_error[-1][0] < share * fixed.trace.squared_error[-1][0]
+
+
+def test_no_triangle_falls_below_the_determinant_floor():
+    batch = batch_of(crease, hill, crease)
+    solution = solve(batch, LEGENDRE, sparsity=15, iterations=20, beta1=0.0, beta2=0.0)
+    assert (smallest_determinant(batch, solution.domain) >= DETERMINANT_FLOOR - 1e-12).all()
+
+
+def test_padding_changes_nothing():
+    alone = solve(
+        build_batch([problem(crease, 9, inside=True)]), LEGENDRE, sparsity=12, iterations=6, beta1=0.2, beta2=0.1
+    )
+    together = solve(
+        build_batch([problem(crease, 9, inside=True), problem(hill, 14, inside=True)]),
+        LEGENDRE,
+        sparsity=12,
+        iterations=6,
+        beta1=0.2,
+        beta2=0.1,
+    )
+    np.testing.assert_allclose(together.domain[:, 0, :81], alone.domain[:, 0], atol=1e-8)
+    np.testing.assert_array_equal(together.support[0], alone.support[0])
+
+
+def test_a_polynomial_is_reproduced_over_its_own_domain():
+    batch = batch_of(lambda u, v: 0.3 * u**3 - 0.2 * u * v**2 + 0.1 * v, inside=False)
+    solution = solve(batch, LEGENDRE, sparsity=15, iterations=3, beta1=0.2, beta2=0.1)
+    assert np.sqrt(solution.trace.squared_error[-1][0] / 100) < 1e-10
+
+
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_patches_with_fewer_vertices_than_functions_are_fitted(count):
+    few = build_batch([problem(hill, 3, inside=True)])
+    solution = solve(few, LEGENDRE, sparsity=15, iterations=count, beta1=0.2, beta2=0.1)
+    assert np.isfinite(solution.coefficients).all()
+    assert np.isfinite(solution.domain).all()
