@@ -18,10 +18,10 @@ def solve(name: str = "Creased") -> driver.Steps:
     driver.clear_scene()
     bpy.context.scene.sparse_surface.iterations = 4
     bpy.context.scene.sparse_surface.sweeps = 0
-    driver.add_creased_grid(60, name)
+    driver.add_creased_grid(40, name)
     yield 0.2
     driver.approximate()
-    yield from driver.wait_for(lambda: driver.running() is None, 90.0, "result")
+    yield from driver.wait_for(lambda: driver.running() is None, 240.0, "result")
     with driver.in_viewport():
         bpy.ops.view3d.view_selected()
     yield 0.5

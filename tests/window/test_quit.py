@@ -1,0 +1,43 @@
+"""Quitting Blender in mid-job: nothing stays behind."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import sys
+import time
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+import driver
+
+
+def check_at_exit() -> None:
+    """Runs last of all, when Blender is about to end."""
+    end = time.monotonic() + 1.0
+    while driver.children() and time.monotonic() < end:
+        time.sleep(0.01)
+    left = driver.children()
+    print("processes left at the end:", left, flush=True)
+    if left:
+        os._exit(1)
+
+
+def test_quitting_in_mid_job():
+    running = driver.module("operators.running")
+    atexit.unregister(running._kill_at_exit)
+    atexit.register(check_at_exit)  # the first registered is the last called
+    atexit.register(running._kill_at_exit)
+    driver.clear_scene()
+    driver.add_creased_grid(80)
+    yield 0.3
+    driver.approximate()
+    yield from driver.wait_for(lambda: driver.running().progress, 60.0, "first word of the solver")
+    assert driver.children()
+    assert bpy.context.mode == "OBJECT"
+
+
+if __name__ == "__main__":
+    driver.run(test_quitting_in_mid_job)
