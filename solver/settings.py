@@ -11,17 +11,20 @@ from .errors import SettingsError
 AUTOMATIC = "auto"
 
 
-def _number(
+def number(
     default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None
 ) -> Any:
+    """Return a field that holds a number from `low` to `high`; a slider offers `soft`."""
     return field(default=default, metadata={"low": low, "high": high, "soft": soft or (low, high), "text": text})
 
 
-def _choice(default: str, text: str, /, **choices: str) -> Any:
+def choice(default: str, text: str, /, **choices: str) -> Any:
+    """Return a field that holds one of `choices`, each with its description."""
     return field(default=default, metadata={"choices": choices, "text": text})
 
 
-def _switch(default: bool, text: str) -> Any:
+def switch(default: bool, text: str) -> Any:
+    """Return a field that is on or off."""
     return field(default=default, metadata={"text": text})
 
 
@@ -38,120 +41,120 @@ class Settings:
         When a value lies outside of its range; the message names the range.
     """
 
-    method: str = _choice(
+    method: str = choice(
         "default",
         "How each patch is fitted",
         default="Variable projection: Gauss-Newton on the domain with the coefficients eliminated. Most accurate",
         paper="The augmented-Lagrangian iteration of the paper, as printed. Slower and less accurate",
         traditional="Sparse fit on the fixed initial domain. Fast; rounds creases off",
     )
-    ring: int = _number(7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12))
-    degree: int = _number(
+    ring: int = number(7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12))
+    degree: int = number(
         14,
         0,
         30,
         "Highest total degree of the polynomials that a patch may use. Cost grows with its square",
         soft=(2, 20),
     )
-    sparsity: int = _number(
+    sparsity: int = number(
         15,
         1,
         496,
         "How many polynomials each coordinate of a patch may use. Higher: closer fit, more time",
         soft=(3, 60),
     )
-    automatic_sparsity: bool = _switch(
+    automatic_sparsity: bool = switch(
         False, "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Up to four times the time"
     )
-    domains: str = _choice(
+    domains: str = choice(
         "common",
         "Whether x, y and z share one optimised domain",
         common="One domain for the three coordinates",
         separate="A domain for each coordinate: 2 to 4 times more accurate, twice the time, three times the storage",
     )
-    initial_domain: str = _choice(
+    initial_domain: str = choice(
         "lscm",
         "Parameterisation from which the optimisation starts",
         lscm="Least squares conformal map with a free border",
         harmonic="Discrete conformal (harmonic) map to a circle",
         tutte="Tutte's embedding in a circle",
     )
-    iterations: int = _number(15, 0, 200, "Steps of the domain optimisation. Time is proportional", soft=(4, 40))
-    sweeps: int = _number(
+    iterations: int = number(15, 0, 200, "Steps of the domain optimisation. Time is proportional", soft=(4, 40))
+    sweeps: int = number(
         1,
         0,
         20,
         "Gauss-Seidel passes that make overlapping patches agree. Each costs a fifth of the solve",
         soft=(0, 5),
     )
-    blending: str = _choice(
+    blending: str = choice(
         AUTOMATIC,
         "Weights with which overlapping patches are blended",
         auto="Partition of unity for the default method, uniform for the paper's methods",
         partition="Partition of unity: fades to zero at a patch's rim, so the surface has no seams",
         uniform="The paper's plain average; jumps where a patch ends",
     )
-    basis: str = _choice(
+    basis: str = choice(
         AUTOMATIC,
         "Polynomial basis of the dictionary",
         auto="Legendre for the default method, monomials for the paper's methods",
         legendre="Products of Legendre polynomials",
         monomial="Monomials, as in the paper",
     )
-    pursuit: str = _choice(
+    pursuit: str = choice(
         AUTOMATIC,
         "How the polynomials of a patch are selected",
         auto="Orthogonal least squares for the default method, matching pursuit for the paper's methods",
         ols="Orthogonal least squares with one replacement pass",
         omp="Orthogonal matching pursuit",
     )
-    beta1: float = _number(0.2, 0.0, 1e6, "Weight that holds the domain near its start (eq. 4)", soft=(0.0, 1.0))
-    beta2: float = _number(0.1, 0.0, 1e6, "Weight that keeps the domain's triangles rigid (eq. 4)", soft=(0.0, 1.0))
-    rho: float = _number(0.1, 1e-6, 1e6, "Penalty factor of the paper's iteration (section 3.3)", soft=(0.01, 100.0))
-    tau: float = _number(1.0, 0.0, 2.0, "Multiplier step of the paper's iteration (section 3.3)", soft=(0.0, 1.0))
-    initial_fit: str = _choice(
+    beta1: float = number(0.2, 0.0, 1e6, "Weight that holds the domain near its start (eq. 4)", soft=(0.0, 1.0))
+    beta2: float = number(0.1, 0.0, 1e6, "Weight that keeps the domain's triangles rigid (eq. 4)", soft=(0.0, 1.0))
+    rho: float = number(0.1, 1e-6, 1e6, "Penalty factor of the paper's iteration (section 3.3)", soft=(0.01, 100.0))
+    tau: float = number(1.0, 0.0, 2.0, "Multiplier step of the paper's iteration (section 3.3)", soft=(0.0, 1.0))
+    initial_fit: str = choice(
         "zero",
         "Start of the auxiliary variable f of the paper's iteration",
         zero="f = 0, as printed; the first iteration then selects nothing",
         data="f = b, the data",
     )
-    regularisation: str = _choice(
+    regularisation: str = choice(
         "printed",
         "What beta1 and beta2 multiply in the paper's iteration (eq. 4)",
         printed="Sums over a patch's vertices and triangles, as printed",
         vertex="The same sums divided by the patch's number of vertices: a far freer domain",
     )
-    rigidity_reference: str = _choice(
+    rigidity_reference: str = choice(
         "initial",
         "Domain from which the rigidity of the paper's iteration is measured",
         initial="The initial domain: the whole transformation is kept rigid",
         previous="The previous iteration's domain: each step is kept rigid, their sum may be large",
     )
-    observations: str = _choice(
+    observations: str = choice(
         AUTOMATIC,
         "Where a patch is compared with the surface",
         auto="At vertices and triangle centres for the default method, at vertices for the paper's methods",
         centroids="At vertices and triangle centres, so that nothing oscillates in between",
         vertices="At vertices only, as in the paper. Less time; may oscillate between them",
     )
-    keep_iterations: bool = _switch(
+    keep_iterations: bool = switch(
         False, "Keep the surface after each iteration, as shape keys of the result. Takes memory"
     )
-    tolerance: float = _number(
+    tolerance: float = number(
         0.0, 0.0, 1e12, "Largest allowed surface error in scene units; patches are refined until it is kept. 0: off"
     )
-    adaptive: bool = _switch(
+    adaptive: bool = switch(
         True, "Split patches whose initial domain is badly squeezed into smaller rings before solving"
     )
-    mark_creases: bool = _switch(False, "Mark the edges that the optimisation treats as creases as sharp on the result")
-    pin_boundary: bool = _switch(False, "Keep the vertices of open borders where they are")
-    workers: int = _number(
+    mark_creases: bool = switch(False, "Mark the edges that the optimisation treats as creases as sharp on the result")
+    pin_boundary: bool = switch(False, "Keep the vertices of open borders where they are")
+    workers: int = number(
         0, 0, 256, "Processes that solve patches. 0: one for each physical core; 1: all in this process", soft=(0, 32)
     )
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            _check(item.name, getattr(self, item.name), item.metadata, type(item.default))
+            check_value(item.name, getattr(self, item.name), item.metadata, type(item.default))
 
     def resolved(self) -> Settings:
         """Return the settings with every automatic choice replaced by what the method uses."""
@@ -185,7 +188,8 @@ class Settings:
         return cls(**values)
 
 
-def _check(name: str, value: object, metadata: Mapping[str, Any], kind: type) -> None:
+def check_value(name: str, value: object, metadata: Mapping[str, Any], kind: type) -> None:
+    """Refuse the value of a field made by one of the functions above when it is out of range or of another kind."""
     if "choices" in metadata:
         if value not in metadata["choices"]:
             raise SettingsError(f"{name} must be one of {', '.join(metadata['choices'])}, not {value!r}.")
@@ -194,8 +198,8 @@ def _check(name: str, value: object, metadata: Mapping[str, Any], kind: type) ->
             raise SettingsError(f"{name} must be true or false, not {value!r}.")
     else:
         whole = kind is int
-        number = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        if not number or not metadata["low"] <= value <= metadata["high"]:
+        numeric = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+        if not numeric or not metadata["low"] <= value <= metadata["high"]:
             a = "a whole number" if whole else "a number"
             raise SettingsError(f"{name} must be {a} from {metadata['low']:g} to {metadata['high']:g}, not {value!r}.")
 
