@@ -1,8 +1,8 @@
 """Like-sized patches padded to 3-D arrays, so that one NumPy call serves many of them.
 
-A *problem* is a domain with the signals that share it: with common domains a patch is one problem with the signals x, y, z,
-with separate domains it is three problems with one signal each.  Every problem is moved and scaled, domain and values by the
-same factor, so that its initial domain lies in [-1, 1]^2.
+A *problem* is a domain with the signals that share it: with common domains a patch is one problem with the signals x,
+y, z, with separate domains it is three problems with one signal each.  Every problem is moved and scaled, domain and
+values by the same factor, so that its initial domain lies in [-1, 1]^2.
 
 The function is observed at the patch's vertices and at its triangles' centroids, through the piecewise linear domain
 transformation: without the centroids the surface would oscillate between the vertices.
@@ -220,7 +220,7 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
 
 
 def _weighted_noise(problem: Problem, frame: Frame) -> float:
-    """Variance that noise has along a function: as functions have the weights' root themselves, the mean weighted by them."""
+    """Variance that noise has along a function; functions have the weights' root, so the mean is weighted by them."""
     total = float(problem.weights.sum())
     share = float((problem.weights**2).sum()) / total if total > 0.0 else 0.0
     return (problem.noise * frame.scale) ** 2 * share

@@ -1,8 +1,8 @@
 """Blending weights of overlapping patches (section 4.2).
 
-The paper averages the patches at every point.  Evaluated between vertices that average jumps where a patch ends, so the default
-weights form a partition of unity instead: piecewise linear on the mesh, zero on a patch's rim, one in sum.  The blended surface is
-then continuous everywhere.
+The paper averages the patches at every point.  Evaluated between vertices that average jumps where a patch ends, so
+the default weights form a partition of unity instead: piecewise linear on the mesh, zero on a patch's rim, one in
+sum.  The blended surface is then continuous everywhere.
 """
 
 from __future__ import annotations
@@ -44,12 +44,11 @@ def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray
     return np.divide(raw, total[patches.vertices], out=np.zeros_like(raw), where=raw > 0.0)
 
 
-def fitting_weights(
-    blending: NDArray[np.float64], weights: NDArray[np.float64], kind: str
-) -> NDArray[np.float64]:
+def fitting_weights(blending: NDArray[np.float64], weights: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
     """Weights with which one patch is fitted: those that it has in the blend.
 
-    The rim has no weight after blending, so it need not be fitted well: w = w0 (phi^2 + 0.05), rescaled to the sum of w0.
+    The rim has no weight after blending, so it need not be fitted well: w = w0 (phi^2 + 0.05), rescaled to the sum of
+    w0.
 
     Parameters
     ----------

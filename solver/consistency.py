@@ -1,9 +1,9 @@
 """Consistent approximation of the whole surface: Gauss-Seidel sweeps over the patches (section 4.2, eq. 6).
 
-The surface at a point is the blend of its patches, so each patch is re-fitted in turn against what the others leave of the data,
-with everything else held.  Patches that share no vertex do not see each other; they have one colour and are re-fitted together.
-Eq. 6 constrains only the blend, so overlapping patches could drift apart in opposite directions: a term gamma |b - h_k|^2 holds
-each of them near the data.
+The surface at a point is the blend of its patches, so each patch is re-fitted in turn against what the others leave
+of the data, with everything else held.  Patches that share no vertex do not see each other; they have one colour and
+are re-fitted together. Eq. 6 constrains only the blend, so overlapping patches could drift apart in opposite
+directions: a term gamma |b - h_k|^2 holds each of them near the data.
 """
 
 from __future__ import annotations

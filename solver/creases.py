@@ -1,8 +1,8 @@
 """Sharp features that the optimisation found.
 
-The patches are smooth functions; they turn sharply at a crease because the optimisation stretches the domain across it, which
-lets a polynomial bend within one row of triangles.  No detection goes into the fit; afterwards the creases can be read off: edges
-across which the domain is stretched and the surface turns.
+The patches are smooth functions; they turn sharply at a crease because the optimisation stretches the domain across
+it, which lets a polynomial bend within one row of triangles.  No detection goes into the fit; afterwards the creases
+can be read off: edges across which the domain is stretched and the surface turns.
 """
 
 from __future__ import annotations

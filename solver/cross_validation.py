@@ -1,8 +1,8 @@
 """Automatic sparsity: how many functions a signal needs, by cross-validation.
 
-A pursuit on part of the observations is judged on the rest of them, for every number of functions at once: the functions that a
-pursuit chooses are nested, so one Cholesky factor gives all the fits.  The idea is that of scikit-learn's
-`OrthogonalMatchingPursuitCV`, for many patches at once.
+A pursuit on part of the observations is judged on the rest of them, for every number of functions at once: the
+functions that a pursuit chooses are nested, so one Cholesky factor gives all the fits.  The idea is that of
+scikit-learn's `OrthogonalMatchingPursuitCV`, for many patches at once.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Regularisation of the domain: Q(U) = beta1 Q1(U) + beta2 Q2(U) (eq. 4).
 
-Q1 holds every parameter near its start; Q2 sums (s1 - 1)^2 + (s2 - 1)^2 over the triangles, with s1, s2 the *signed* singular
-values of the Jacobian J of the domain transformation U0 -> U, weighted with the triangle's area.  In closed form
+Q1 holds every parameter near its start; Q2 sums (s1 - 1)^2 + (s2 - 1)^2 over the triangles, with s1, s2 the *signed*
+singular values of the Jacobian J of the domain transformation U0 -> U, weighted with the triangle's area.  In closed
+form
 
     (s1 - 1)^2 + (s2 - 1)^2 = |J|^2 + 2 - 2 sqrt((J11 + J22)^2 + (J12 - J21)^2),
 

@@ -31,7 +31,7 @@ def statistics(error: Array) -> dict[str, float]:
 def surface_error(
     representation: Representation, triangles: Indices | None = None, samples: Array = SURFACE_SAMPLES
 ) -> Array:
-    """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named; at the six fixed ones by default."""
+    """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only."""
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
     face = np.repeat(asked, len(samples))
     corners = np.tile(samples, (len(asked), 1))
@@ -91,7 +91,7 @@ def _cover_fingerprint(representation: Representation) -> Indices:
 
 
 def normal_error(before: Array, after: Array, triangles: Indices) -> float:
-    """Mean angle between the face normals of two meshes of one topology, degrees; triangles without area do not count."""
+    """Mean angle between the face normals of two meshes, degrees; triangles without area do not count."""
     normals = [_unit_normals(vertices, triangles) for vertices in (before, after)]
     usable = (np.abs(normals[0]).sum(axis=1) > 0.0) & (np.abs(normals[1]).sum(axis=1) > 0.0)
     if not usable.any():
@@ -125,15 +125,16 @@ def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
 
 
 def flipped_triangles(jacobians: Array, area: Array) -> int:
-    """Number of patch triangles whose orientation turned in some domain; those without area at the start do not count."""
+    """Number of patch triangles whose orientation turned in some domain; those without area do not count."""
     return int(((determinant(jacobians) < 0.0) & (area > 0.0)).sum())
 
 
 def domain_stretch(representation: Representation, jacobians: Array, faces: int) -> Array:
-    """Anisotropy of the domain transformation on every input face, (F,): one where it is conformal, large along creases.
+    """Anisotropy of the domain transformation on every input face, (F,): one where it is conformal, large along
+    creases.
 
-    The ratio of the Jacobian's singular values, averaged over the patches with their blending weights, then over the face's
-    triangles; one on faces that no patch covers.
+    The ratio of the Jacobian's singular values, averaged over the patches with their blending weights, then over the
+    face's triangles; one on faces that no patch covers.
     """
     turn = np.hypot(jacobians[0, 0] + jacobians[1, 1], jacobians[1, 0] - jacobians[0, 1])
     skew = np.hypot(jacobians[0, 0] - jacobians[1, 1], jacobians[1, 0] + jacobians[0, 1])

@@ -92,10 +92,11 @@ class Observations(Protocol):
 
 
 class MeshObservations:
-    """The vertices of a mesh, then the centroids of its triangles, then six points inside the triangles of small patches.
+    """The vertices of a mesh, then the centroids of its triangles, then six points inside the triangles of small
+    patches.
 
-    Without points inside the triangles the surface would oscillate between the vertices; small patches, which have almost
-    as many coefficients as vertices, need more of them.
+    Without points inside the triangles the surface would oscillate between the vertices; small patches, which have
+    almost as many coefficients as vertices, need more of them.
     """
 
     def __init__(

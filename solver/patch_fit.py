@@ -1,6 +1,7 @@
 """Fitting chunks of patches: from patches with their domains to sparse coefficients, whatever the method.
 
-A chunk is a pure function of its task, so it may run in any process, in any order, with the same result to the last bit.
+A chunk is a pure function of its task, so it may run in any process, in any order, with the same result to the last
+bit.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from . import paper_method, traditional, variable_projection
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .blending import fitting_weights
 from .dictionary import Dictionary
-from .observations import Observations
+from .observations import Observations, PatchObservations
 from .settings import Settings
 from .solution import Solution
 
@@ -204,6 +205,15 @@ def _patch_fit(batch: Batch, solution: Solution, fitted: Array, observations: in
         np.array([(squares[part] / scales**2).sum() for squares in trace.squared_error]),
         np.stack(history) if history else None,
     )
+
+
+def values_at(fit: PatchFit, observations: PatchObservations, settings: Settings) -> Array:
+    """A fitted patch's own surface at other observations of its triangles, (N, 3), scene units."""
+    dictionary = Dictionary(settings.degree, settings.basis)
+    place = np.einsum("nk,cnkx->xcn", observations.shares, fit.domain[:, observations.corners])
+    count = len(fit.frames)
+    support, coefficients = (a.reshape(count, 3 // count, -1) for a in (fit.support, fit.coefficients))
+    return _in_scene_units(dictionary.sparse_values(support, coefficients, place[:, :, None]), fit.frames)
 
 
 def _in_scene_units(values: Array, frames: list[Frame]) -> Array:

@@ -39,6 +39,10 @@ SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 """Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""
 
 
+STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
+"""The stages whose seconds stand in the report."""
+
+
 @dataclass(frozen=True)
 class Approximation:
     """A mesh approximated by a sparse surface.
@@ -133,9 +137,7 @@ def approximate(
     InputError
         When the mesh cannot be worked on, in one sentence.
     """
-    steps = approximate_steps(
-        vertices, faces, settings, triangles=triangles, weights=weights, executor=executor
-    )
+    steps = approximate_steps(vertices, faces, settings, triangles=triangles, weights=weights, executor=executor)
     return run_to_end(steps, report)
 
 
@@ -293,7 +295,7 @@ def _result(
             **iterations,
         }
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
-    seconds = {name: watch.seconds.get(name, 0.0) for name in ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")}
+    seconds = {stage: watch.seconds.get(stage, 0.0) for stage in STAGES}
     report = {
         "version": VERSION,
         "method": settings.method,

@@ -72,8 +72,9 @@ def matching_pursuit(
     allowed
         Functions that may be chosen, (B, n); all where None.
     worth
-        By how much a function has to lower the squared residual to be worth having, (B,); nothing where None.  The number
-        of functions then minimises the squared residual plus this for each of them (Mallows 1973; Foster, George 1994).
+        By how much a function has to lower the squared residual to be worth having, (B,); nothing where None.  The
+        number of functions then minimises the squared residual plus this for each of them (Mallows 1973; Foster,
+        George 1994).
 
     Returns
     -------

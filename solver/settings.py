@@ -11,9 +11,7 @@ from .errors import SettingsError
 AUTOMATIC = "auto"
 
 
-def number(
-    default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None
-) -> Any:
+def number(default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None) -> Any:
     """Return a field that holds a number from `low` to `high`; a slider offers `soft`."""
     return field(default=default, metadata={"low": low, "high": high, "soft": soft or (low, high), "text": text})
 
@@ -64,7 +62,8 @@ class Settings:
         soft=(3, 60),
     )
     automatic_sparsity: bool = switch(
-        False, "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Up to four times the time"
+        False,
+        "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Up to four times the time",
     )
     domains: str = choice(
         "common",

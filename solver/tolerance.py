@@ -1,8 +1,9 @@
 """Keeping a tolerance: finer patches where the surface error exceeds it, and only there.
 
-Where the surface is too far from the input, a patch of a smaller ring is laid over it.  Finer patches outweigh what lies below
-them and fade out at their rims, so the surface stays continuous and nothing else changes.  Smaller rings come first, then more
-functions; what still lies outside at the end passes through: the surface is then the input itself at these vertices.
+Where the surface is too far from the input, a patch of a smaller ring is laid over it.  Finer patches outweigh what
+lies below them and fade out at their rims, so the surface stays continuous and nothing else changes.  Smaller rings
+come first, then more functions; what still lies outside at the end passes through: the surface is then the input
+itself at these vertices.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The default patch solver: Gauss-Newton on the domain with the coefficients eliminated (eq. 3, minimised another way).
 
-For a given domain U and support S the best coefficients follow from linear least squares; putting them in leaves the variable
-projection functional r_d(U) = (I - A_d A_d^+) b_d (Golub, Pereyra 1973).  Kaufman's approximation (1975) of its Jacobian,
--(I - A_d A_d^+) G_d W with G_d the gradients of the fitted function at the observations, gives a Gauss-Newton system that
-conjugate gradients solve without ever forming it.  The regularisation is annealed: it shapes the way to the minimum and then
-gets out of its way.
+For a given domain U and support S the best coefficients follow from linear least squares; putting them in leaves the
+variable projection functional r_d(U) = (I - A_d A_d^+) b_d (Golub, Pereyra 1973).  Kaufman's approximation (1975) of
+its Jacobian, -(I - A_d A_d^+) G_d W with G_d the gradients of the fitted function at the observations, gives a
+Gauss-Newton system that conjugate gradients solve without ever forming it.  The regularisation is annealed: it shapes
+the way to the minimum and then gets out of its way.
 """
 
 from __future__ import annotations
