@@ -67,8 +67,8 @@ format: lint-venv ## format the code
 build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..." for some of them)
 	@$(PY) scripts/build_extension.py $(PLATFORMS)
 
-bench: venv ## time the solver, in units of a matrix product
-	@$(PY) -m sparse_surface benchmark $(BENCH)
+bench: venv ## measure speed and accuracy into docs/performance.md and docs/accuracy.md (BENCH="--largest 100000")
+	@$(PY) -m sparse_surface benchmark --docs docs $(BENCH)
 
 figures: venv ## make the pictures of docs/ anew
 	@$(PY) scripts/figures.py $(FIGURES)

@@ -60,6 +60,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_approximate(commands)
+    _add_benchmark(commands)
     return parser
 
 
@@ -75,6 +76,39 @@ def _add_approximate(commands: Any) -> None:
     parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
     add_setting_arguments(parser)
     parser.set_defaults(work=approximate_file)
+
+
+def _add_benchmark(commands: Any) -> None:
+    parser = commands.add_parser(
+        "benchmark",
+        help="measure speed and accuracy",
+        description="Measure speed, in units of a matrix product, and accuracy; prints tables.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        "--models", nargs="+", metavar="MODEL", help="generated, downloaded, or mesh files; default: all"
+    )
+    parser.add_argument("--json", type=output_path, metavar="FILE", help="file for all figures")
+    parser.add_argument("--docs", type=Path, metavar="FOLDER", help="folder for performance.md and accuracy.md")
+    parser.add_argument("--only", choices=["performance", "accuracy"], help="measure only this")
+    parser.add_argument("--largest", type=int, default=1_000_000, metavar="N", help="vertices of the largest terrain")
+    folder = Path(__file__).resolve().parent.parent / "shared" / "models"
+    parser.add_argument("--folder", type=Path, default=folder, metavar="FOLDER", help="where downloaded models are")
+    parser.set_defaults(work=run_benchmark)
+
+
+def run_benchmark(options: argparse.Namespace) -> None:
+    """Do the command `benchmark`."""
+    from .solver.errors import InputError
+
+    try:
+        from .benchmarks.command import benchmark
+    except ImportError as error:
+        raise InputError(f"The benchmark comes with the Python package, not with the extension ({error}).") from error
+    if options.docs is not None and not options.docs.is_dir():
+        raise SettingsError(f"There is no folder '{options.docs}'.")
+    parts = [options.only] if options.only else ["performance", "accuracy"]
+    benchmark(options.models, options.json, options.docs, options.largest, options.folder, parts)
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:

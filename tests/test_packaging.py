@@ -73,7 +73,7 @@ def test_every_folder_with_code_is_a_listed_package() -> None:
     for folder in folders:
         assert (folder / "__init__.py").exists(), folder
     names = {".".join(["sparse_surface", *folder.relative_to(CHECKOUT).parts]) for folder in folders}
-    assert set(toml("pyproject.toml")["tool"]["setuptools"]["packages"]) == names | {"sparse_surface"}
+    assert set(toml("pyproject.toml")["tool"]["setuptools"]["packages"]) == names | {"sparse_surface", "sparse_surface.benchmarks"}
 
 
 def test_manifest_keeps_blenders_rules() -> None:

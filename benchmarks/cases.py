@@ -1,0 +1,124 @@
+"""One approximation in a process of its own, measured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..solver import Settings, approximate, models
+from ..solver.executor import WorkerExecutor
+from ..solver.system import peak_memory_mb
+
+STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "total")
+
+
+@dataclass(frozen=True)
+class Case:
+    """What to run.
+
+    Attributes
+    ----------
+    model
+        Name, for the tables.
+    settings
+        Those that differ from the defaults.
+    arrays
+        Vertices and faces; None for a generated model.
+    size
+        Number of vertices of a generated model that has a choice.
+    constants
+        Values of the solver's own constants to try, by "module.NAME"; only with one worker.
+    """
+
+    model: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    arrays: tuple[NDArray[Any], NDArray[Any]] | None = None
+    size: int | None = None
+    constants: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What came of a case.
+
+    Attributes
+    ----------
+    model
+        Name.
+    report
+        The report of `approximate`.
+    unit
+        Seconds of one unit, the mean of before and after.
+    base_memory_mb
+        Peak memory of the process before the run: the interpreter, the libraries and the mesh.
+    """
+
+    model: str
+    report: dict[str, Any]
+    unit: float
+    base_memory_mb: float
+
+    def units(self, stage: str) -> float:
+        """Time of a stage in units."""
+        return float(self.report["seconds"][stage]) / self.unit
+
+    @property
+    def memory_mb(self) -> float:
+        """Peak memory above that of the idle process, worker processes included."""
+        return float(self.report["peak_memory_mb"]) - self.base_memory_mb
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for a JSON file."""
+        units = {stage: self.units(stage) for stage in STAGES}
+        return {"model": self.model, "unit_seconds": self.unit, "units": units, "report": self.report}
+
+
+def unit_seconds(repeats: int = 9) -> float:
+    """Seconds that one unit takes now, in this process: the median of a few."""
+    matrix = np.random.default_rng(0).random((1000, 1000))
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        matrix @ matrix
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def measure(case: Case) -> Measured:
+    """Run a case in a fresh process with one BLAS thread."""
+    with WorkerExecutor(1) as process:
+        return process.submit(run_case, case).result()
+
+
+def run_case(case: Case) -> Measured:
+    """Run a case in this process."""
+    vertices, faces = case.arrays if case.arrays is not None else generated(case.model, case.size)
+    with_constants(case.constants)
+    settings = Settings(**case.settings)
+    before, base = unit_seconds(), peak_memory_mb()
+    result = approximate(vertices, faces, settings)
+    return Measured(case.model, result.report, (before + unit_seconds()) / 2.0, base)
+
+
+def generated(name: str, size: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
+    """A model of `solver.models`."""
+    make = getattr(models, name)
+    vertices, faces = make(size) if size is not None else make()
+    return vertices, faces
+
+
+def with_constants(constants: Mapping[str, Any]) -> None:
+    """Change constants of the solver in this process, and wherever they were imported to."""
+    package = models.__name__.rpartition(".")[0]
+    for name, value in constants.items():
+        module, _, constant = name.rpartition(".")
+        home = import_module(f"{package}.{module}")
+        if not hasattr(home, constant):
+            raise AttributeError(f"There is no constant {name!r}.")
+        setattr(home, constant, value)
