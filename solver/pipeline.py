@@ -222,6 +222,7 @@ def solve_patches(
 
     The first `shown` observations are handed out as preview of the surface.
     """
+    count = len(surface.patches)
     fits: list[PatchFit | None] = [None] * count
     end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
     hurried = replace(settings, iterations=0)
