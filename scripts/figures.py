@@ -1,0 +1,55 @@
+"""Make the pictures of docs/pictures anew, all or those that are named.
+
+python scripts/figures.py                all of them
+python scripts/figures.py heat_map       one of them
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import sparse_surface
+from demo import approximate, make_flower, make_suzanne
+from sparse_surface.operators.heatmap_render import render_heatmap
+
+PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+
+
+def heat_map(path: Path) -> None:
+    """Render a model with creases beside its result: the README's picture."""
+    (source,) = make_flower()
+    (result,) = approximate([source])
+    render_heatmap(result, path, source=source)
+
+
+def heat_map_smooth(path: Path) -> None:
+    """Render an organic shape beside its result."""
+    (source,) = make_suzanne()
+    (result,) = approximate([source])
+    render_heatmap(result, path, source=source)
+
+
+FIGURES: dict[str, Callable[[Path], None]] = {"heat_map": heat_map, "heat_map_smooth": heat_map_smooth}
+"""Name of a picture in docs/pictures -> what makes it."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[[], *FIGURES], metavar="NAME", help=", ".join(FIGURES))
+    options = parser.parse_args(arguments)
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    sparse_surface.register()
+    try:
+        for name in options.names or FIGURES:
+            FIGURES[name](PICTURES / f"{name}.png")
+            print(f"docs/pictures/{name}.png", flush=True)
+    finally:
+        sparse_surface.unregister()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
