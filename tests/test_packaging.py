@@ -20,7 +20,9 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 CHECKOUT = Path(__file__).resolve().parent.parent
-LAYERS = ("operators", "solver", "ui")
+PACKAGES = tuple(
+    name for name in ("benchmarks", "operators", "solver", "ui") if (CHECKOUT / name / "__init__.py").exists()
+)
 
 
 def toml(name: str) -> dict[str, Any]:
@@ -69,11 +71,11 @@ def test_one_version() -> None:
 
 
 def test_every_folder_with_code_is_a_listed_package() -> None:
-    folders = {path.parent for layer in LAYERS for path in (CHECKOUT / layer).rglob("*.py")}
+    folders = {path.parent for layer in PACKAGES for path in (CHECKOUT / layer).rglob("*.py")}
     for folder in folders:
         assert (folder / "__init__.py").exists(), folder
     names = {".".join(["sparse_surface", *folder.relative_to(CHECKOUT).parts]) for folder in folders}
-    assert set(toml("pyproject.toml")["tool"]["setuptools"]["packages"]) == names | {"sparse_surface", "sparse_surface.benchmarks"}
+    assert set(toml("pyproject.toml")["tool"]["setuptools"]["packages"]) == names | {"sparse_surface"}
 
 
 def test_manifest_keeps_blenders_rules() -> None:
@@ -220,6 +222,8 @@ def test_find_python_skips_what_does_not_run(tmp_path: Path) -> None:
 
 def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     source, files = tmp_path / "source", script("build_extension").package_files()
+    # Measuring is for those who work on the library; the extension goes without.
+    files = sorted({*files, *(path.relative_to(CHECKOUT) for path in (CHECKOUT / "benchmarks").rglob("*.py"))})
     for path in [*files, Path("pyproject.toml"), Path("README.md"), Path("blender_manifest.toml")]:
         (source / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, source / path)
