@@ -24,6 +24,8 @@ DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130
 
 PROGRAM = "sparse_surface"
 
+RESAMPLE_HELP = "split every edge of the result into N and evaluate the surface there"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
@@ -60,6 +62,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_approximate(commands)
+    _add_evaluate(commands)
     _add_benchmark(commands)
     return parser
 
@@ -76,6 +79,18 @@ def _add_approximate(commands: Any) -> None:
     parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
     add_setting_arguments(parser)
     parser.set_defaults(work=approximate_file)
+
+
+def _add_evaluate(commands: Any) -> None:
+    parser = commands.add_parser(
+        "evaluate",
+        help="evaluate a saved representation on a finer mesh",
+        description="Evaluate a representation, in its object's own coordinates, on its mesh with split edges.",
+    )
+    parser.add_argument("representation", type=Path, metavar="REP.npz", help="what --representation wrote")
+    parser.add_argument("--resample", type=positive_number, default=1, metavar="N", help=RESAMPLE_HELP)
+    parser.add_argument("-o", "--output", type=output_path, required=True, metavar="OUTPUT", help="file for the mesh")
+    parser.set_defaults(work=evaluate_file)
 
 
 def _add_benchmark(commands: Any) -> None:
@@ -117,6 +132,10 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", type=output_path, metavar="OUTPUT", help="file for the result; without it no mesh is written"
     )
     parser.add_argument("--report", type=output_path, metavar="REPORT.json", help="file for the report")
+    parser.add_argument(
+        "--representation", type=output_path, metavar="REP.npz", help="file for the functions, to evaluate later"
+    )
+    parser.add_argument("--resample", type=positive_number, metavar="N", help=RESAMPLE_HELP)
     parser.add_argument("--heatmap", type=output_path, metavar="PICTURE.png", help="picture of the error")
 
 
@@ -172,6 +191,42 @@ class Made:
     source: Any
     result: Any
     report: dict[str, Any]
+    representation: Any
+
+
+def positive_number(text: str) -> int:
+    """Return a whole number from 1 up.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        When it is none.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 1 up")
+    return int(text)
+
+
+def evaluate_file(options: argparse.Namespace) -> None:
+    """Do the command `evaluate`."""
+    from .solver.representation import Representation
+    from .solver.resampling import resample_steps
+
+    check_writable_kinds(options)
+    representation = Representation.load(options.representation)
+    import bpy
+
+    from .operators import files, mesh_data
+
+    name = options.representation.stem
+    with progress_display(name) as show:
+        resampled = run_to_end(resample_steps(representation, options.resample), show)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    mesh = mesh_data.create_mesh(name, resampled.vertices, resampled.corners, resampled.sizes)
+    made = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(made)
+    files.write_meshes(options.output, [made])
+    print(f"{name}: {len(mesh.vertices)} vertices, {len(mesh.polygons)} faces", flush=True)
 
 
 def approximate_file(options: argparse.Namespace) -> None:
@@ -190,7 +245,8 @@ def approximate_file(options: argparse.Namespace) -> None:
         with progress_display(source.name) as show:
             result = run_to_end(approximate_arrays(read.arrays, settings), show)
         scale = ColourScale(0.0, float(result.error.max(initial=0.0)))
-        made.append(Made(source, mesh_data.create_result(bpy.context, read, result, scale), result.report))
+        made_object = mesh_data.create_result(bpy.context, read, result, scale)
+        made.append(Made(source, made_object, result.report, result.representation))
         print(summary(source.name, result.report), flush=True)
     write_outputs(options, made)
 
@@ -207,8 +263,9 @@ def check_writable_kinds(options: argparse.Namespace) -> None:
 
     if options.output is not None and options.output.suffix.lower() not in WRITABLE:
         raise SettingsError(f"The output's ending must be one of {' '.join(WRITABLE)}, not '{options.output.suffix}'.")
-    if options.heatmap is not None and options.heatmap.suffix.lower() != ".png":
-        raise SettingsError(f"The heat map's ending must be .png, not '{options.heatmap.suffix}'.")
+    heat_map = getattr(options, "heatmap", None)
+    if heat_map is not None and heat_map.suffix.lower() != ".png":
+        raise SettingsError(f"The heat map's ending must be .png, not '{heat_map.suffix}'.")
 
 
 def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
@@ -217,27 +274,44 @@ def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
     from .operators.drafts import beside
 
     if options.output is not None:
-        files.write_meshes(options.output, [each.result for each in made])
+        files.write_meshes(options.output, [_resampled(each.result, options.resample) for each in made])
     if options.report is not None:
         report = made[0].report if len(made) == 1 else {each.source.name: each.report for each in made}
         with beside(options.report) as draft:
             draft.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    for each in made:
+        if options.representation is not None:
+            each.representation.save(_of_object(options.representation, each, made))
     if options.heatmap is not None:
         _render_heat_maps(options, made)
 
 
-def _render_heat_maps(options: argparse.Namespace, made: list[Made]) -> None:
-    """One picture, or one for each object with its name in the file's."""
+def _resampled(result: Any, splits: int | None) -> Any:
+    """Return the object to write: the result, or a finer one evaluated from its representation."""
+    if splits is None:
+        return result
     import bpy
 
+    from .operators.resample import resample_object
+
+    return resample_object(bpy.context, result, splits)
+
+
+def _of_object(path: Path, each: Made, made: list[Made]) -> Path:
+    """Return the file for one of several objects: the name that was given, with the object's own in it."""
+    if len(made) == 1:
+        return path
+    import bpy
+
+    return path.with_stem(f"{path.stem}_{bpy.path.clean_name(each.source.name)}")
+
+
+def _render_heat_maps(options: argparse.Namespace, made: list[Made]) -> None:
     from .operators.heatmap_render import render_heatmap
 
     up = "Y" if options.input.suffix.lower() == ".obj" else "Z"  # what the format's writers agree on
     for each in made:
-        picture = options.heatmap
-        if len(made) > 1:
-            picture = picture.with_stem(f"{picture.stem}_{bpy.path.clean_name(each.source.name)}")
-        render_heatmap(each.result, picture, source=each.source, up=up)
+        render_heatmap(each.result, _of_object(options.heatmap, each, made), source=each.source, up=up)
 
 
 def _chosen(objects: list[Any], name: str | None) -> list[Any]:

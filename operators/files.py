@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import addon_utils
 import bpy
 from bpy.types import Object
 
@@ -20,11 +19,18 @@ from .drafts import beside
 _AXES = {"forward_axis": "Y", "up_axis": "Z"}  # Blender's own, which is: no turning
 
 
+def _enable(add_on: str) -> None:
+    """Enable an importer that comes with Blender; what it is kept in can be found only once bpy is loaded."""
+    import addon_utils
+
+    addon_utils.enable(add_on)
+
+
 def _import_fbx(path: str) -> None:
     if _is_operator("wm.fbx_import"):
         bpy.ops.wm.fbx_import(filepath=path)
     else:
-        addon_utils.enable("io_scene_fbx")
+        _enable("io_scene_fbx")
         bpy.ops.import_scene.fbx(filepath=path)
 
 
@@ -34,7 +40,7 @@ def _is_operator(name: str) -> bool:
 
 
 def _import_gltf(path: str) -> None:
-    addon_utils.enable("io_scene_gltf2")
+    _enable("io_scene_gltf2")
     bpy.ops.import_scene.gltf(filepath=path, merge_vertices=True)
 
 
@@ -56,13 +62,13 @@ _IMPORTERS: dict[str, Callable[[str], Any]] = {
 
 
 def _export_gltf(path: str) -> None:
-    addon_utils.enable("io_scene_gltf2")
+    _enable("io_scene_gltf2")
     kind = "GLB" if path.endswith(".glb") else "GLTF_SEPARATE"
     bpy.ops.export_scene.gltf(filepath=path, export_format=kind, use_selection=True)
 
 
 def _export_fbx(path: str) -> None:
-    addon_utils.enable("io_scene_fbx")
+    _enable("io_scene_fbx")
     bpy.ops.export_scene.fbx(filepath=path, use_selection=True)
 
 

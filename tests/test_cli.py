@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -206,15 +205,6 @@ def test_cancelled(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["model.obj"]
 
 
-@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_that_cannot_be_written(model: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "closed"
-    folder.mkdir(mode=0o500)
-    done = run("approximate", model, "-o", folder / "out.ply", *QUICK)
-    assert done.returncode == 1
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
 def test_an_older_output_is_kept_when_writing_fails(model: Path, tmp_path: Path) -> None:
     from sparse_surface.operators.drafts import beside
 
@@ -239,3 +229,28 @@ def test_help_names_every_setting(tmp_path: Path) -> None:
     assert done.returncode == 0
     for name in Settings().as_dict():
         assert "--" + name.replace("_", "-") in done.stdout
+
+
+def test_resampling_and_evaluating_a_saved_representation(model: Path, tmp_path: Path) -> None:
+    rep, fine, again = tmp_path / "rep.npz", tmp_path / "fine.obj", tmp_path / "again.obj"
+    done = run("approximate", model, "--representation", rep, "--resample", "3", "-o", fine, *QUICK)
+    assert done.returncode == 0, done.stderr
+    done = run("evaluate", rep, "--resample", "3", "-o", again)
+    assert done.returncode == 0, done.stderr
+    vertices, faces = read_obj(fine)
+    assert len(faces) == 9 * 15 * 15
+    assert {len(face) for face in faces} == {4}
+    evaluated, same_faces = read_obj(again)
+    assert same_faces == faces
+    assert np.allclose(evaluated, vertices, atol=5e-6)
+
+
+def test_representations_that_are_none_are_refused(tmp_path: Path) -> None:
+    for name, content in (("cut.npz", b"PK\x03\x04"), ("text.npz", b"hello")):
+        (tmp_path / name).write_bytes(content)
+        done = run("evaluate", tmp_path / name, "-o", tmp_path / "out.ply")
+        assert done.returncode == 1
+        assert len(done.stderr.strip().splitlines()) == 1
+    assert run("evaluate", tmp_path / "absent.npz", "-o", tmp_path / "out.ply").returncode == 1
+    assert run("evaluate", tmp_path / "cut.npz").returncode == 2
+    assert not (tmp_path / "out.ply").exists()
