@@ -7,7 +7,17 @@ from pathlib import Path
 import bpy
 from bpy.props import PointerProperty
 
-from .operators import approximate, cancel, compare, copy_statistics, finish, running, separate_patches, show_heat_map
+from .operators import (
+    approximate,
+    cancel,
+    compare,
+    copy_statistics,
+    finish,
+    resample,
+    running,
+    separate_patches,
+    show_heat_map,
+)
 from .ui import command, legend, panels, preferences, presets, properties, translations
 
 CLASSES: tuple[type, ...] = (
@@ -20,6 +30,7 @@ CLASSES: tuple[type, ...] = (
     *compare.CLASSES,
     *copy_statistics.CLASSES,
     *separate_patches.CLASSES,
+    *resample.CLASSES,
     *presets.CLASSES,
     *panels.CLASSES,
 )
