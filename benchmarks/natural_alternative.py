@@ -75,9 +75,11 @@ def compare(case: Case, patches: int = 16) -> Comparison:
         case.model,
         len(problems),
         other_time / unit / len(problems),
-        *(_rms([e[k] for e in other]) / size for k in (0, 1)),
+        _rms([at_vertices for at_vertices, _ in other]) / size,
+        _rms([inside for _, inside in other]) / size,
         own_time / unit / len(problems),
-        *(_rms([e[k] for e in own]) / size for k in (0, 1)),
+        _rms([at_vertices for at_vertices, _ in own]) / size,
+        _rms([inside for _, inside in own]) / size,
     )
 
 

@@ -88,15 +88,17 @@ def placement(holder: Object, representation: Representation) -> Placement:
 
 def _as_stored(holder: Object) -> Placement:
     stretch = holder.get(STRETCH)
-    linear = np.eye(3) if stretch is None else np.linalg.inv(np.array(stretch, dtype=np.float64).reshape(3, 3))
+    linear: NDArray[np.float64] = np.eye(3)
+    if stretch is not None:
+        linear = np.linalg.inv(np.array(stretch, dtype=np.float64).reshape(3, 3)).astype(np.float64)
     return Placement(linear, np.zeros(3))
 
 
 def _fitted(points: NDArray[np.float64], local: NDArray[np.float64]) -> Placement:
     """Affine map that takes the points to the local positions as well as one can."""
     centre = points.mean(axis=0)
-    linear, _, rank, _ = np.linalg.lstsq(points - centre, local - local.mean(axis=0), rcond=1e-9)
+    solution, _, rank, _ = np.linalg.lstsq(points - centre, local - local.mean(axis=0), rcond=1e-9)
     if rank < 3:  # a plane says nothing about the direction across it
         return Placement(np.zeros((3, 3)), np.full(3, np.inf))
-    linear = np.asarray(linear, dtype=np.float64)
+    linear: NDArray[np.float64] = solution.astype(np.float64)
     return Placement(linear, local.mean(axis=0) - centre @ linear)

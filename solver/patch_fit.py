@@ -212,7 +212,8 @@ def values_at(fit: PatchFit, observations: PatchObservations, settings: Settings
     dictionary = Dictionary(settings.degree, settings.basis)
     place = np.einsum("nk,cnkx->xcn", observations.shares, fit.domain[:, observations.corners])
     count = len(fit.frames)
-    support, coefficients = (a.reshape(count, 3 // count, -1) for a in (fit.support, fit.coefficients))
+    support = fit.support.reshape(count, 3 // count, -1)
+    coefficients = fit.coefficients.reshape(count, 3 // count, -1)
     return _in_scene_units(dictionary.sparse_values(support, coefficients, place[:, :, None]), fit.frames)
 
 

@@ -203,7 +203,7 @@ def _regress(
     # Functions that depend on each other up to rounding must not stop the others.
     diagonal = np.arange(support.shape[1])
     among[:, diagonal, diagonal] *= 1.0 + RIDGE
-    inverse = np.linalg.inv(among)
+    inverse = np.asarray(np.linalg.inv(among), dtype=np.float64)
     regression = np.matmul(inverse, rows)
     own = np.take_along_axis(correlation, support, axis=1)
     coefficients = np.matmul(inverse, own[..., None])[..., 0]

@@ -174,7 +174,7 @@ def _pass_through(surface: RefinedSurface, settings: Settings, outside: Booleans
         reproduced |= vertices
         surface.patches = surface.patches.passing(vertices)
         surface.weights = blending_weights(mesh, surface.patches, settings.blending)
-        outside = _outside(surface, settings, vertices[mesh.triangles].any(axis=1))
+        outside = _outside(surface, settings, np.asarray(vertices[mesh.triangles].any(axis=1)))
     return int((reproduced & ~mesh.passed_through).sum())
 
 

@@ -53,6 +53,7 @@ class PatchRule:
     normal_width: float
     largest_change: float
     misfit_power: float
+    decay: float = 1.0
 
     @property
     def least_cosine_across(self) -> float:
@@ -166,27 +167,34 @@ class PatchFitter:
             self._neighbours, self._guide, seeds, rule.least_cosine_from_seed, self._triangle_claims
         )
         active = np.ones(len(seeds), dtype=bool)
-        smaller: Fits | None = None
+        accepted: list[Fits] = []
         before = growing.sizes.copy()
         for limit in rule.sizes:
             growing.grow(limit, active)
             larger = self._fit(seeds, active, growing)
-            if smaller is not None:
-                better = self._may_replace(smaller, larger) & (growing.sizes > before)[active]
-                yield smaller.select(~better)
+            if accepted:
+                better = self._agrees(larger, accepted) & (growing.sizes > before)[active]
+                yield accepted[-1].select(~better)
+                accepted = [smaller.select(better) for smaller in accepted]
                 larger = larger.select(better)
                 active[active] = better
-            smaller, before = larger, growing.sizes.copy()
+            accepted.append(larger)
+            before = growing.sizes.copy()
             if not active.any():
                 break
-        if smaller is not None:
-            yield smaller
+        yield accepted[-1]
         self._triangle_claims.clear()
 
-    def _may_replace(self, smaller: Fits, larger: Fits) -> Booleans:
-        change = larger.coefficients - smaller.coefficients
-        moved = np.einsum("pi,pij,pj->p", change, smaller.gram, change) / self._noise_level**2
-        return (moved < self._rule.largest_change) | ~smaller.sound
+    def _agrees(self, larger: Fits, accepted: list[Fits]) -> Booleans:
+        """Return whether a larger fit moves none of the surfaces of its smaller ones by more than noise may, (P,)."""
+        agrees = np.ones(len(larger), dtype=bool)
+        for steps, smaller in enumerate(reversed(accepted), start=1):
+            change = larger.coefficients - smaller.coefficients
+            moved = np.einsum("pi,pij,pj->p", change, smaller.gram, change) / self._noise_level**2
+            # Of the smaller fit's variance the larger one, 2^steps times its size, keeps the part 1 / 2^steps.
+            allowed = self._rule.largest_change * 2 * (1 - 0.5**steps) * self._rule.decay ** len(accepted)
+            agrees &= (moved < allowed) | ~smaller.sound
+        return agrees
 
     def _fit(self, seeds: Integers, active: Booleans, growing: GrowingPatches) -> Fits:
         """Fit the active patches as they have grown: weights from the guide first, then from the fit itself."""
@@ -314,13 +322,14 @@ def _least_squares(terms: Floats, weights: Floats, heights: Floats, ridge: Float
     # The least total keeps patches without weight solvable; they are not sound.
     scale = np.maximum(weights.sum(axis=1), 1e-6)[:, None]
     regular = gram + (ridge * scale)[:, :, None] * np.eye(TERMS)
-    return np.linalg.solve(regular, weighted @ heights[..., None])[..., 0], gram, regular
+    solved = np.linalg.solve(regular, weighted @ heights[..., None])[..., 0]
+    return np.asarray(solved, dtype=np.float64), gram, regular
 
 
 def _variance(terms: Floats, weights: Floats, regular: Floats) -> Floats:
     """Return the coefficients' covariance for independent heights of variance 1, (P, 6, 6)."""
     weighted = terms * weights[:, None]
-    inverse: Floats = np.linalg.inv(regular)
+    inverse = np.asarray(np.linalg.inv(regular), dtype=np.float64)
     variance: Floats = inverse @ (weighted @ weighted.transpose(0, 2, 1)) @ inverse
     return variance
 

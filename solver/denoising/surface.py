@@ -66,7 +66,7 @@ def _around(mesh: TriangleMesh, neighbours: Integers) -> csr_array:
 def normals_and_areas(vertices: Floats, triangles: Integers) -> tuple[Floats, Floats]:
     """Return the unit normals, (T, 3), zero where a triangle has no area, and the areas, (T,)."""
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    crossed = np.cross(b - a, c - a)
+    crossed = np.asarray(np.cross(b - a, c - a), dtype=np.float64)
     length = np.linalg.norm(crossed, axis=1)
     return unit(crossed), 0.5 * length
 

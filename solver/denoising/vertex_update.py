@@ -42,7 +42,8 @@ def move_to_planes(
     direction = directions[known]
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     resistance = _ACROSS * across + _ALONG * np.eye(3)
-    moves = np.linalg.solve(matrices[known] + resistance, targets[known][..., None])[..., 0]
+    solved = np.linalg.solve(matrices[known] + resistance, targets[known][..., None])[..., 0]
+    moves = np.asarray(solved, dtype=np.float64)
     moved = vertices.copy()
     moved[known] += limited(moves, LARGEST_MOVE * noise_level)
     return moved
