@@ -28,7 +28,7 @@ FEWEST_VERTICES = 8  # with fewer, or with less weight than that of so many, a q
 _RESIDUAL_WIDTH = 2.0  # noise levels
 _RIM_TAPER = 0.7  # how much less a vertex at the rim weighs than one at the seed
 _RIDGE = 1e-4
-_SHRINKAGE = 1.0  # k - 2 for the k = 3 curvature terms
+_SHRINKAGE = 1.5  # times the variance; k - 2 = 1 minimises the risk, k = 3 removes what noise gives on average
 _INVARIANT = np.array([1.0, 1.0, 1.0, 1.0, 0.5, 1.0])  # a ridge that does not depend on the directions of u and v
 
 
@@ -45,6 +45,9 @@ class PatchRule:
     largest_change
         How far a step of growth may move the smaller patch's surface: the squared moves of its vertices add up to
         at most this many squared noise levels.
+    caution
+        Factor of `largest_change` for each step that went before.  Where even noise moves less than that, on planes,
+        patches become large; elsewhere the bias of a large patch would be as large as what it gains.
     misfit_power
         How strongly a patch loses weight whose residuals are larger than the noise.
     """
@@ -52,8 +55,8 @@ class PatchRule:
     sizes: tuple[int, ...]
     normal_width: float
     largest_change: float
+    caution: float
     misfit_power: float
-    decay: float = 1.0
 
     @property
     def least_cosine_across(self) -> float:
@@ -188,6 +191,7 @@ class PatchFitter:
     def _agrees(self, larger: Fits, accepted: list[Fits]) -> Booleans:
         """Return whether a larger fit moves none of the surfaces of its smaller ones by more than noise may, (P,)."""
         agrees = np.ones(len(larger), dtype=bool)
+        largest = self._rule.largest_change * self._rule.caution ** len(accepted)
         for steps, smaller in enumerate(reversed(accepted), start=1):
             change = larger.coefficients - smaller.coefficients
             moved = np.einsum("pi,pij,pj->p", change, smaller.gram, change) / self._noise_level**2

@@ -28,9 +28,9 @@ CLEAN = 0.03
 
 LARGEST_STRENGTH = 10.0
 
-_FINE = PatchRule(sizes=(14, 28, 56, 112, 224), normal_width=0.12, largest_change=3.0, misfit_power=1.0)
-_COARSE = PatchRule(sizes=(250,), normal_width=0.3, largest_change=3.0, misfit_power=4.0)
-_LARGE = PatchRule(sizes=(60, 120, 250, 500), normal_width=0.15, largest_change=3.0, misfit_power=1.0)
+_FINE = PatchRule((14, 28, 56, 112, 224, 448), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
+_COARSE = PatchRule((250,), normal_width=0.3, largest_change=4.0, caution=0.85, misfit_power=4.0)
+_LARGE = PatchRule((60, 120, 250, 500), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
 
 _COVERAGE = 6  # patches over each triangle that are enough
 _BATCHES = 8
