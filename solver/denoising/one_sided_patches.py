@@ -196,7 +196,7 @@ class PatchFitter:
             change = larger.coefficients - smaller.coefficients
             moved = np.einsum("pi,pij,pj->p", change, smaller.gram, change) / self._noise_level**2
             # Of the smaller fit's variance the larger one, 2^steps times its size, keeps the part 1 / 2^steps.
-            allowed = self._rule.largest_change * 2 * (1 - 0.5**steps) * self._rule.decay ** len(accepted)
+            allowed = largest * 2 * (1 - 0.5**steps)
             agrees &= (moved < allowed) | ~smaller.sound
         return agrees
 
