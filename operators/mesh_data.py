@@ -455,6 +455,7 @@ def create_preview(context: Context, source: Source) -> Object | None:
     preview = bpy.data.objects.new("Sparse Surface Preview", mesh)
     preview[PREVIEW] = source.session_uid
     preview.hide_select = preview.hide_render = True
+    preview.display_type = made_from.display_type
     preview.show_in_front = True  # the source lies in the same place
     link_beside(preview, made_from, context)
     place_like(preview, made_from)

@@ -29,21 +29,6 @@ def test_button_is_disabled_without_a_mesh():
     driver.shot("panel_without_selection")
 
 
-def test_words_are_shown_in_the_users_language():
-    view = bpy.context.preferences.view
-    before = view.language
-    driver.add_creased_grid(20)
-    view.language = "de_DE"
-    view.use_translate_interface = True
-    yield 1.0
-    assert bpy.app.translations.pgettext_iface("Finish Now") == "Jetzt abschließen"
-    driver.viewport().tag_redraw()
-    yield 0.5
-    driver.shot("panel_german")
-    view.language = before
-    yield 0.5
-
-
 def test_enabling_costs_little():
     """Importing and registering anew, in processor time: Blender starts with it every day."""
     import addon_utils
@@ -64,6 +49,5 @@ if __name__ == "__main__":
     driver.run(
         test_panel_shows_settings_and_estimate,
         test_button_is_disabled_without_a_mesh,
-        test_words_are_shown_in_the_users_language,
         test_enabling_costs_little,
     )
