@@ -130,7 +130,7 @@ def resample_steps(representation: Representation, splits: int) -> Steps[Resampl
         edges=edges,
         chains=chains,
         at_vertices=_between_vertices(representation, grid, sample),
-        at_corners=Interpolation(_face_corners_of_triangles(representation)[grid.triangle], grid.inside, grid.corners),
+        at_corners=Interpolation(face_corners_of_triangles(representation)[grid.triangle], grid.inside, grid.corners),
     )
 
 
@@ -473,7 +473,7 @@ def _between_vertices(source: Representation, grid: _Grid, sample: Indices) -> I
     )
 
 
-def _face_corners_of_triangles(source: Representation) -> Indices:
+def face_corners_of_triangles(source: Representation) -> Indices:
     """Face corner that each triangle corner is, (T, 3)."""
     face = np.repeat(np.arange(len(source.face_offsets) - 1), np.diff(source.face_offsets))
     key = face * len(source.vertices) + source.face_corners
