@@ -229,3 +229,11 @@ def test_cores_are_counted() -> None:
 
 def test_errors_of_the_package_keep_their_class(executor: WorkerExecutor) -> None:
     assert type(executor.submit(InputError, "no").result()) is InputError
+
+
+def test_a_small_child_of_a_large_process_is_small() -> None:
+    held = np.ones(60_000_000)
+    with WorkerExecutor(1) as workers:
+        workers.submit(math.sqrt, 1.0).result()
+        assert workers.peak_memory_mb < 300.0
+    assert len(held) == 60_000_000
