@@ -1,6 +1,8 @@
-"""Measures of an approximation, in scene units (DESIGN: surface error, inside triangles, is the one that counts)."""
+"""Measures of an approximation, in scene units (surface error, inside triangles, is the one that counts)."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,8 @@ Indices = NDArray[np.int64]
 
 EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
 """Where the jump across a patch's rim is measured along an edge."""
+
+POINTS_AT_ONCE = 600_000
 
 
 def statistics(error: Array) -> dict[str, float]:
@@ -33,29 +37,38 @@ def surface_error(
 ) -> Array:
     """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only."""
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
-    face = np.repeat(asked, len(samples))
-    corners = np.tile(samples, (len(asked), 1))
-    flat = np.einsum("sk,tkd->tsd", samples, representation.vertices[representation.triangles[asked]])
-    points = representation.evaluate(face, corners).reshape(flat.shape)
-    distance: Array = np.linalg.norm(points - flat, axis=2)
+    distance = np.empty((len(asked), len(samples)))
+    for block in _blocks(len(asked), len(samples)):
+        face = asked[block]
+        flat = np.einsum("sk,tkd->tsd", samples, representation.vertices[representation.triangles[face]])
+        points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
+        distance[block] = np.linalg.norm(points.reshape(flat.shape) - flat, axis=2)
     return distance
+
+
+def _blocks(count: int, points_each: int) -> Iterator[slice]:
+    """Parts of so many things that are evaluated at once, so that memory stays bounded."""
+    step = max(1, POINTS_AT_ONCE // points_each)
+    for start in range(0, count, step):
+        yield slice(start, start + step)
 
 
 def seam(representation: Representation) -> float:
     """Largest jump of the surface across the patches' rims: the edges between triangles that other patches cover."""
     first, second, from_first, from_second = _rim_edges(representation)
-    if not len(first):
-        return 0.0
-    jumps = []
-    for share in EDGE_SAMPLES:
-        sides = []
-        for face, ends in ((first, from_first), (second, from_second)):
-            corners = np.zeros((len(face), 3))
-            corners[np.arange(len(face)), ends[:, 0]] = 1.0 - share
-            corners[np.arange(len(face)), ends[:, 1]] = share
-            sides.append(representation.evaluate(face, corners))
-        jumps.append(np.linalg.norm(sides[0] - sides[1], axis=1).max())
-    return float(max(jumps))
+    largest = 0.0
+    for block in _blocks(len(first), 2 * len(EDGE_SAMPLES)):
+        faces = np.concatenate([first[block], second[block]])
+        ends = np.concatenate([from_first[block], from_second[block]])
+        corners = np.zeros((len(EDGE_SAMPLES), len(faces), 3))
+        place = np.arange(len(faces))
+        for k, share in enumerate(EDGE_SAMPLES):
+            corners[k, place, ends[:, 0]] = 1.0 - share
+            corners[k, place, ends[:, 1]] = share
+        points = representation.evaluate(np.tile(faces, len(EDGE_SAMPLES)), corners.reshape(-1, 3))
+        sides = points.reshape(len(EDGE_SAMPLES), 2, -1, 3)
+        largest = max(largest, float(np.linalg.norm(sides[:, 0] - sides[:, 1], axis=2).max()))
+    return largest
 
 
 def _rim_edges(representation: Representation) -> tuple[Indices, Indices, Indices, Indices]:
