@@ -11,14 +11,18 @@ from .operators import (
     approximate,
     cancel,
     compare,
+    compare_methods,
     copy_statistics,
+    domain_maps,
     finish,
+    inspect_patch,
+    patch_colours,
     resample,
     running,
     separate_patches,
     show_heat_map,
 )
-from .ui import command, legend, panels, preferences, presets, properties, translations
+from .ui import command, inspect_panel, legend, panels, preferences, presets, properties, translations
 
 CLASSES: tuple[type, ...] = (
     *properties.CLASSES,
@@ -31,8 +35,13 @@ CLASSES: tuple[type, ...] = (
     *copy_statistics.CLASSES,
     *separate_patches.CLASSES,
     *resample.CLASSES,
+    *inspect_patch.CLASSES,
+    *patch_colours.CLASSES,
+    *domain_maps.CLASSES,
+    *compare_methods.CLASSES,
     *presets.CLASSES,
     *panels.CLASSES,
+    *inspect_panel.CLASSES,
 )
 
 PRESETS = str(Path(__file__).parent)

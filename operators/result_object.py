@@ -22,6 +22,9 @@ STRETCH = "sparse_surface_stretch"
 PREVIEW = "sparse_surface_preview"
 """Custom property of an object that shows a surface while it is being solved."""
 
+PATCH_COLOUR = "patch_color"
+"""Colour attribute of a result's mesh that shows its patches."""
+
 ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH = "error", "error_color", "patch", "domain_stretch"
 """Attributes of a result's mesh."""
 

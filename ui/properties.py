@@ -10,6 +10,7 @@ from bpy.types import Context, PropertyGroup
 
 from ..operators.heat_map import recolour_scene
 from ..solver.settings import PRESETS, Settings
+from . import inspect_properties
 
 CONTEXT = "Sparse Surface"
 """Translation context: several of these words mean something else in other parts of Blender."""
@@ -159,6 +160,8 @@ class SparseSurfaceSettings(PropertyGroup):
         default=True,
     )
     display: PointerProperty(type=SparseSurfaceDisplay)
+    inspection: PointerProperty(type=inspect_properties.SparseSurfaceInspection)
+    comparison: PointerProperty(type=inspect_properties.SparseSurfaceComparison)
 
     def to_settings(self) -> Settings:
         """Return the solver's settings."""
@@ -178,4 +181,4 @@ SOLVER_NAMES = tuple(item.name for item in dataclasses.fields(Settings))
 for _item in dataclasses.fields(Settings):
     SparseSurfaceSettings.__annotations__[_item.name] = solver_property(_item)
 
-CLASSES = (SparseSurfaceDisplay, SparseSurfaceSettings)
+CLASSES = (SparseSurfaceDisplay, *inspect_properties.CLASSES, SparseSurfaceSettings)

@@ -1,0 +1,75 @@
+"""What the panels for representations and comparisons remember (`scene.sparse_surface.inspection`, `.comparison`)."""
+
+from __future__ import annotations
+
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+from bpy.types import Object, PropertyGroup
+
+from ..solver.settings import PRESETS, Settings
+
+_METHODS = Settings.__dataclass_fields__["method"].metadata["choices"]
+
+
+class SparseSurfaceTerm(PropertyGroup):
+    """A function that the inspected patch uses, with its coefficients."""
+
+    name: StringProperty(name="Function")
+    amounts: FloatVectorProperty(name="Coefficients", description="In x, y and z, in scene units", size=3)
+
+
+class SparseSurfaceEnergy(PropertyGroup):
+    """What a patch minimises, after one iteration, relative to the first one."""
+
+    value: FloatProperty(name="Energy")
+
+
+class SparseSurfaceInspection(PropertyGroup):
+    """The patch that is looked at."""
+
+    patch: IntProperty(name="Patch", description="Number of the patch, as in the attribute 'patch'", default=0, min=0)
+    splits: IntProperty(
+        name="Splits",
+        description="Into how many parts every edge is split. The number of faces grows with its square",
+        default=2,
+        min=1,
+        max=64,
+        soft_max=8,
+    )
+    holder: PointerProperty(type=Object, name="Result", description="The result whose patch is shown")
+    patches: IntProperty(name="Patches")
+    vertices: IntProperty(name="Vertices")
+    terms: CollectionProperty(type=SparseSurfaceTerm, name="Functions")
+    term: IntProperty(name="Function")
+    energy: CollectionProperty(type=SparseSurfaceEnergy, name="Energy")
+
+
+def _choices() -> list[tuple[str, str, str]]:
+    """The panel's own settings, and each preset."""
+    presets = [(f"PRESET_{name}", name.title(), "A preset") for name in PRESETS]
+    return [("SCENE", "Settings of the Panel", "The settings as they stand above"), *presets]
+
+
+class SparseSurfaceComparison(PropertyGroup):
+    """What is compared with what."""
+
+    first: EnumProperty(
+        name="First", description="Settings of the result at the left", items=_choices(), default="SCENE"
+    )
+    second: EnumProperty(
+        name="Second", description="Settings of the result at the right", items=_choices(), default="PRESET_paper"
+    )
+    beside: BoolProperty(
+        name="Side by Side", description="Put the results beside each other; otherwise both stay in place", default=True
+    )
+
+
+CLASSES = (SparseSurfaceTerm, SparseSurfaceEnergy, SparseSurfaceInspection, SparseSurfaceComparison)
