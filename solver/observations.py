@@ -107,6 +107,7 @@ class MeshObservations:
         kind: str,
         weights: Array | None = None,
         inside: bool = True,
+        dense: NDArray[np.bool_] | None = None,
     ) -> None:
         """Gather the observations.
 
@@ -122,13 +123,16 @@ class MeshObservations:
             Weights of the vertices themselves, (V,); ones where None.
         inside
             Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
+        dense
+            Patches that are observed as densely as small ones, (K,).
         """
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self._blending = blending
         self._weights = weights
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
-        small = np.unique(patches.mesh_triangles[self._small[patches.triangle_patch]])
+        self._dense = self._small if dense is None else self._small | dense
+        small = np.unique(patches.mesh_triangles[self._dense[patches.triangle_patch]])
         corners = mesh.vertices[mesh.triangles]
         dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[small]).reshape(-1, 3)
         self.points = np.concatenate([mesh.vertices, corners.mean(axis=1), dense]) if inside else mesh.vertices
@@ -145,10 +149,11 @@ class MeshObservations:
         triangles, mesh_triangles = self.patches.triangles[faces], self.patches.mesh_triangles[faces]
         count = vertices.stop - vertices.start
         small = bool(self._small[patch])
-        samples = SURFACE_SAMPLES if small else CENTROID
+        dense = bool(self._dense[patch])
+        samples = SURFACE_SAMPLES if dense else CENTROID
         samples = samples if self._inside else samples[:0]
-        weight = SMALL_PATCH_INSIDE_WEIGHT if small else CENTROID_WEIGHT
-        first = self._first_dense[mesh_triangles] if small else len(self.vertices) + mesh_triangles
+        weight = SMALL_PATCH_INSIDE_WEIGHT if dense else CENTROID_WEIGHT
+        first = self._first_dense[mesh_triangles] if dense else len(self.vertices) + mesh_triangles
         inside = (first[:, None] + np.arange(len(samples))).ravel()
         corners = np.concatenate(
             [np.repeat(np.arange(count), 3).reshape(-1, 3), np.repeat(triangles, len(samples), axis=0)]
@@ -168,3 +173,14 @@ class MeshObservations:
             blending,
             small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE,
         )
+
+    def between(self, patch: int, samples: Array) -> tuple[PatchObservations, Array]:
+        """Points inside a patch's triangles that are not observed, as if they were, and where they lie, (N, 3)."""
+        vertices = slice(*self.patches.vertex_offsets[patch : patch + 2])
+        triangles = self.patches.triangles[slice(*self.patches.triangle_offsets[patch : patch + 2])]
+        corners = np.repeat(triangles, len(samples), axis=0)
+        shares = np.tile(samples, (len(triangles), 1))
+        blending = (self._blending[vertices][corners] * shares).sum(axis=1)
+        points = np.einsum("nkd,nk->nd", self.vertices[self.patches.vertices[vertices]][corners], shares)
+        nothing = np.zeros(len(corners))
+        return PatchObservations(nothing.astype(np.int64), corners, shares, nothing, blending, ANY_DEGREE), points

@@ -23,6 +23,7 @@ from .execution import Crew, crew_for
 from .mesh import TriangleMesh, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
 from .observations import MeshObservations
+from .overshoot import overshooting
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
 from .patches import build_patches
 from .progress import FINISH, Progress, Steps, run_to_end, within
@@ -182,6 +183,11 @@ def _approximate(
     with watch.stage("solve"):
         fits, hurry = yield from solve_patches(surface, domains, settings, crew, len(mesh.vertices))
     iterations = iteration_measures(fits)
+    if inside and not hurry:
+        with watch.stage("solve"):
+            dense = overshooting(observations, fits, settings)
+            observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights, inside, dense)
+            surface = yield from refit_patches(observations, domains, fits, np.flatnonzero(dense), settings, crew)
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
             yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
@@ -242,6 +248,26 @@ def solve_patches(
         request = yield Progress("Solving patches", share, f"{done} of {count} patches", surface.preview(shown))
         state["hurry"] = state["hurry"] or request == FINISH
     return [fit for fit in fits if fit is not None], state["hurry"]
+
+
+def refit_patches(
+    observations: MeshObservations,
+    domains: Array,
+    fits: list[PatchFit],
+    which: Indices,
+    settings: Settings,
+    crew: Crew,
+) -> Steps[Blend]:
+    """Fit some patches anew to other observations; changes `fits` and returns the surface of all of them."""
+    chunks = chunk_patches(observations, which, channels_of(settings))
+    for task, fitted in crew.run(chunk_task(observations, domains, settings, chunk) for chunk in chunks):
+        for patch, fit in zip(task.patches, fitted, strict=True):
+            fits[patch] = fit
+        yield Progress("Solving patches", SOLVE_ENDS, "patches that swing between their observations")
+    surface = Blend(observations)
+    for patch, fit in enumerate(fits):
+        surface.add(patch, fit)
+    return surface
 
 
 def sweep_patches(
