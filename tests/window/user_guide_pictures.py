@@ -1,0 +1,50 @@
+"""Takes the pictures of docs/user-guide.md in a Blender window; run like a test, the pictures go into FOLDER."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+import driver
+
+
+def take_pictures() -> driver.Steps:
+    driver.clear_scene()
+    with driver.in_viewport():
+        bpy.ops.mesh.primitive_monkey_add()
+        source = bpy.context.view_layer.objects.active
+        modifier = source.modifiers.new("Subdivision", "SUBSURF")
+        modifier.levels = 2
+        bpy.ops.object.shade_smooth()
+        bpy.ops.view3d.view_axis(type="FRONT")
+        bpy.ops.view3d.view_orbit(angle=0.5, type="ORBITLEFT")
+        bpy.ops.view3d.view_orbit(angle=0.25, type="ORBITUP")
+        bpy.ops.view3d.view_selected()
+    driver.viewport().spaces.active.overlay.show_floor = False
+    yield from driver.open_sidebar()
+    yield 0.5
+    driver.shot("guide_panel")
+    driver.approximate()
+    yield from driver.wait_for(lambda: driver.running().progress, 120.0, "first word of the solver")
+    yield from driver.wait_for(lambda: driver.running().progress.fraction > 0.3, 300.0, "a third of the work")
+    yield 0.3
+    driver.shot("guide_progress")
+    yield from driver.wait_for(lambda: driver.running() is None, 300.0, "result")
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.show_heat_map()
+        bpy.context.scene.sparse_surface.display.range_mode = "PERCENTILE"
+        bpy.context.scene.sparse_surface.display.range_percentile = 99.0
+    yield 1.0
+    driver.shot("guide_heat_map")
+    with driver.in_viewport():
+        bpy.context.scene.sparse_surface.display.inside_outside = True
+        bpy.context.scene.sparse_surface.display.tolerance = 0.003
+    yield 1.0
+    driver.shot("guide_tolerance")
+
+
+if __name__ == "__main__":
+    driver.run(take_pictures)
