@@ -97,7 +97,7 @@ def test_measures_see_a_shift_as_what_it_is():
     )
     flat = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, vertices[representation.triangles]).reshape(-1, 3)
     np.testing.assert_allclose(surface_error(representation).ravel(), np.linalg.norm(true - flat, axis=1))
-    shifted = replace(representation, origins=[*representation.origins, 0.0, 0.0, 0.25])
+    shifted = replace(representation, origins=representation.origins + np.array([0.0, 0.0, 0.25]))
     moved = shifted.at_vertices() - representation.at_vertices()
     np.testing.assert_allclose(moved, np.tile([0.0, 0.0, 0.25], (len(vertices), 1)), atol=1e-12)
     assert seam(shifted) < 1e-12

@@ -109,7 +109,7 @@ def test_position_and_scale_do_not_matter(approximated_cube, change):
     turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
     changed = {
         "turned": vertices @ turn.T,
-        "moved": [*vertices, 100.0, -50.0, 3.0],
+        "moved": vertices + np.array([100.0, -50.0, 3.0]),
         "tiny": vertices * 1e-3,
         "huge": vertices * 1e3,
     }[change]
