@@ -47,7 +47,7 @@ def count_drawn_words() -> list[str]:
 def test_button_shows_colours_and_legend_and_restores_the_shading():
     yield from solve()
     space = driver.viewport().spaces.active
-    space.shading.type = "MATERIAL"
+    space.shading.type = "WIREFRAME"
     yield 1.0
     words = count_drawn_words()
     toggle()
@@ -64,7 +64,7 @@ def test_button_shows_colours_and_legend_and_restores_the_shading():
     words.clear()
     driver.viewport().tag_redraw()
     yield 0.5
-    assert space.shading.type == "MATERIAL"
+    assert space.shading.type == "WIREFRAME"
     assert space.local_view is None
     assert not words, words
     space.shading.type = "SOLID"
