@@ -24,6 +24,9 @@ from .settings import Settings
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+PIECES = 4
+"""Chunks into which a colour is cut, for as many workers; the next colour waits for all of them."""
+
 ANTI_DRIFT = 0.1
 """gamma: weight that holds a patch near the data itself, beside the weight of what the others leave."""
 
@@ -96,7 +99,7 @@ def sweep(
     """
     channels = 3 if settings.domains == "separate" else 1
     for colour in colour_patches(blend.patches):
-        chunks = chunk_patches(blend.observations, colour, channels)
+        chunks = chunk_patches(blend.observations, colour, channels, PIECES)
         tasks = (sweep_task(blend, domains, fits, settings, chunk) for chunk in chunks)
         for task, fitted in run(tasks):
             for patch, fit in zip(task.patches, fitted, strict=True):

@@ -30,6 +30,9 @@ CHUNK_PROBLEMS = 64
 CHUNK_SIZE = 7_500
 """Most problems in a chunk, and most vertices and triangles of them: more would not fit into a processor's cache."""
 
+TINY_CHUNK = 4
+"""Problems below which a chunk is not cut: with fewer, Python takes longer than the arithmetic."""
+
 
 @dataclass(frozen=True)
 class ChunkTask:
@@ -101,8 +104,13 @@ def chunk_task(observations: Observations, domains: Array, settings: Settings, c
     return ChunkTask(chunk, problems, settings)
 
 
-def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1) -> list[Indices]:
-    """Sort the patches `which` by size and cut them into chunks that fit into a processor's cache."""
+def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1, pieces: int = 1) -> list[Indices]:
+    """Sort the patches `which` by size and cut them into chunks that fit into a processor's cache.
+
+    With `pieces` they are at least so many, unless they would become tiny: others wait until all of them are done.
+    The number of workers plays no part, as a chunk's composition decides how sums are rounded.
+    """
+    most = min(CHUNK_PROBLEMS, max(TINY_CHUNK, -(-len(which) * problems_each // pieces)))
     size = observations.sizes[which]
     order = which[np.argsort(size, kind="stable")]
     size = np.sort(size, kind="stable")
@@ -110,7 +118,7 @@ def chunk_patches(observations: Observations, which: Indices, problems_each: int
     for end in range(1, len(order) + 1):
         if end < len(order):
             problems = (end + 1 - start) * problems_each
-            if problems <= CHUNK_PROBLEMS and problems * size[end] <= CHUNK_SIZE:
+            if problems <= most and problems * size[end] <= CHUNK_SIZE:
                 continue
         chunks.append(order[start:end])
         start = end
