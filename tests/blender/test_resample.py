@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -195,7 +196,7 @@ def test_every_layer_is_interpolated():
     on_edges = set()
     for pair, chain in zip(expected.edges.tolist(), expected.chains.tolist(), strict=True):
         edge = old[tuple(pair)]
-        for a, b in zip(chain, chain[1:], strict=False):
+        for a, b in itertools.pairwise(chain):
             new = made.edges[number[tuple(sorted((a, b)))]]
             on_edges.add(new.index)
             assert (new.use_seam, new.use_edge_sharp) == (edge.use_seam, edge.use_edge_sharp)
