@@ -19,7 +19,7 @@ from bpy.types import Timer
 
 from ..solver.settings import Settings
 from .result_object import remove_previews
-from .status import redraw_progress, show_status
+from .status import redraw_progress, settle_sidebars, show_status
 
 if TYPE_CHECKING:
     from ..solver.job import Job, Outcome
@@ -152,6 +152,7 @@ def stop(reason: str = "") -> None:
         manager.event_timer_remove(run.timer)
     show_status(bpy.context, None)
     redraw_progress(bpy.context)
+    settle_sidebars()
 
 
 @bpy.app.handlers.persistent

@@ -48,6 +48,20 @@ def show_status(context: Context, run: Run | None) -> None:
             workspace.status_text_set(None)
 
 
+def settle_sidebars() -> None:
+    """Redraw the sidebars some more times: Blender moves panels into place only while it redraws them."""
+    left = 5
+
+    def redraw() -> float | None:
+        nonlocal left
+        left -= 1
+        redraw_progress(bpy.context)
+        return 0.1 if left else None
+
+    if not bpy.app.background:
+        bpy.app.timers.register(redraw, first_interval=0.1)
+
+
 def redraw_progress(context: Context) -> None:
     """Redraw the sidebars of the 3D viewports and nothing else: a viewport may be costly."""
     for window in context.window_manager.windows:
