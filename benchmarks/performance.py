@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -79,7 +80,7 @@ def document(
 Written by `make bench`.  Times are in units: one unit is one product of two 1000 x 1000 float64 matrices on one core,
 measured in the same process before and after ({1e3 * np.mean([r.unit for r in runs]):.0f} ms here).  Default settings,
 one sweep included, each run in a process of its own; memory is what a run takes beyond the idle interpreter with the
-mesh, summed over all its processes.
+mesh, summed over all its processes.{_load()}
 
 ## Stages
 
@@ -96,6 +97,13 @@ mesh, summed over all its processes.
         if len(grown) > len(one) > 1:
             text += f"Over all sizes, the largest with two workers: vertices^{growth_exponent(grown):.2f}.\n\n"
     return text + _against_libraries(comparisons)
+
+
+def _load() -> str:
+    """What else the machine had to do: beside other work the second worker gains nothing."""
+    if not hasattr(os, "getloadavg"):
+        return ""
+    return f"  Processes that wanted a core, of {os.cpu_count()}, at the end: {os.getloadavg()[2]:.0f}."
 
 
 def _against_libraries(comparisons: Sequence[Comparison]) -> str:
