@@ -1,0 +1,62 @@
+"""The benchmark measures what it says; how fast anything is, it does not test."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
+from sparse_surface.benchmarks.natural_alternative import compare
+from sparse_surface.benchmarks.performance import growth_exponent
+from sparse_surface.benchmarks.tables import table
+
+QUICK = {"workers": 1, "ring": 4, "degree": 6, "sparsity": 6, "iterations": 2, "sweeps": 0}
+
+
+def run_of(vertices: int, seconds: float) -> Measured:
+    report = {"input": {"vertices": vertices}, "seconds": {"total": seconds}}
+    return Measured("model", report, unit=0.5, base_memory_mb=0.0)
+
+
+@pytest.mark.parametrize("exponent", [0.9, 1.0, 1.5])
+def test_the_growth_exponent_of_a_power_is_its_own(exponent: float) -> None:
+    runs = [run_of(n, 3.0 * n**exponent) for n in (1_500, 20_000, 1_000_000)]
+    assert math.isclose(growth_exponent(runs), exponent, rel_tol=1e-9)
+
+
+def test_times_are_divided_by_the_unit() -> None:
+    assert run_of(10, 3.0).units("total") == 6.0
+
+
+def test_a_case_is_measured_in_a_process_of_its_own() -> None:
+    plain = measure(Case("cube", QUICK))
+    assert plain.report["input"]["vertices"] == 1538
+    assert plain.unit > 0.0
+    assert plain.memory_mb >= 0.0
+    assert plain.as_dict()["units"].keys() == set(STAGES)
+    # Without annealing two iterations end elsewhere, and the next case does not see the changed constant.
+    held = measure(Case("cube", QUICK, constants={"variable_projection.PROXIMITY_DECAY": 1.0}))
+    assert held.report["energy"] != plain.report["energy"]
+    assert measure(Case("cube", QUICK)).report["energy"] == plain.report["energy"]
+
+
+def test_an_unknown_constant_is_an_error() -> None:
+    with pytest.raises(AttributeError, match="constant"):
+        measure(Case("cube", QUICK, constants={"batch.NO_SUCH": 1.0}))
+
+
+def test_both_solvers_fit_the_same_patches() -> None:
+    found = compare(Case("cube", {"degree": 6, "sparsity": 6, "iterations": 4}), patches=2)
+    assert found.patches == 2
+    for rms in (found.vertex_rms, found.inside_rms, found.alternative_vertex_rms, found.alternative_inside_rms):
+        assert 0.0 < rms < 0.1
+    assert min(found.units, found.alternative_units) > 0.0
+
+
+def test_tables_are_markdown() -> None:
+    assert table(["a", "b"], [["x", 1234], ["y", 0.001]]).splitlines() == [
+        "| a | b |",
+        "| --- | ---: |",
+        "| x | 1,234 |",
+        "| y | 1.00e-03 |",
+    ]
