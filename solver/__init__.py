@@ -13,8 +13,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .cloud_settings import CloudSettings
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .pipeline import Approximation, approximate, approximate_steps
+    from .point_cloud import Reconstruction, reconstruct, reconstruct_steps
     from .progress import FINISH, Progress, run_to_end
     from .representation import Representation
     from .settings import PRESETS, Settings
@@ -22,11 +24,13 @@ if TYPE_CHECKING:
 _HOME = {
     "Approximation": "pipeline",
     "Cancelled": "errors",
+    "CloudSettings": "cloud_settings",
     "FINISH": "progress",
     "FileFormatError": "errors",
     "InputError": "errors",
     "PRESETS": "settings",
     "Progress": "progress",
+    "Reconstruction": "point_cloud",
     "Representation": "representation",
     "Settings": "settings",
     "SettingsError": "errors",
@@ -34,6 +38,8 @@ _HOME = {
     "WorkerError": "errors",
     "approximate": "pipeline",
     "approximate_steps": "pipeline",
+    "reconstruct": "point_cloud",
+    "reconstruct_steps": "point_cloud",
     "run_to_end": "progress",
 }
 
@@ -42,9 +48,11 @@ __all__ = [
     "PRESETS",
     "Approximation",
     "Cancelled",
+    "CloudSettings",
     "FileFormatError",
     "InputError",
     "Progress",
+    "Reconstruction",
     "Representation",
     "Settings",
     "SettingsError",
@@ -52,6 +60,8 @@ __all__ = [
     "WorkerError",
     "approximate",
     "approximate_steps",
+    "reconstruct",
+    "reconstruct_steps",
     "run_to_end",
 ]
 

@@ -229,12 +229,12 @@ def _weighted_noise(problem: Problem, frame: Frame) -> float:
 def warm_starts(problems: list[Problem], start: Array) -> tuple[Array, Indices]:
     """Domains (2, B, m) and functions (B, D, s) of the problems' earlier solutions; every problem must have one."""
     domains = start.copy()
-    supports = []
-    for k, problem in enumerate(problems):
-        assert problem.warm is not None
-        domains[:, k, : len(problem.domain)] = problem.warm.domain.T
-        supports.append(problem.warm.support)
-    return domains, np.stack(supports)
+    warm = [problem.warm for problem in problems if problem.warm is not None]
+    support = np.full((len(problems), *np.max([one.support.shape for one in warm], axis=0)), -1, dtype=np.int64)
+    for k, (problem, one) in enumerate(zip(problems, warm, strict=True)):
+        domains[:, k, : len(problem.domain)] = one.domain.T
+        support[k, :, : one.support.shape[1]] = one.support
+    return domains, support
 
 
 def frame_of(problem: Problem, turn: bool = True) -> Frame:

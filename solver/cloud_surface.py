@@ -1,0 +1,113 @@
+"""Patches over a base mesh, fitted to an observed cloud: the surface while it is worked on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .adaptive import with_domains
+from .assembly import assemble, channels_of
+from .blending import blending_weights
+from .cloud_observations import CloudObservations, ObservedCloud
+from .consistency import Blend
+from .cover import build_cover
+from .execution import Crew
+from .mesh import TriangleMesh
+from .patch_fit import PatchFit, chunk_patches, chunk_task, values_at
+from .patches import build_patches
+from .pipeline import solve_patches, sweep_patches
+from .progress import Steps
+from .representation import Representation
+from .runaway import LOWEST_DEGREE, SAMPLES, Planes, runaway_patches, tamed
+from .settings import Settings
+
+Array = NDArray[np.float64]
+
+TAMING_ROUNDS = 3
+
+
+class CloudSurface:
+    """A surface over a base.
+
+    Attributes
+    ----------
+    mesh
+        The base.
+    settings
+        Resolved settings; `Settings.ring` in edges of the base.
+    patches, domains, blending
+        The cover, with initial domains (M, 2) and blending weights (M,).
+    observations
+        What the patches are fitted to.
+    fits
+        What each patch has; none before `solve`.
+    """
+
+    def __init__(self, mesh: TriangleMesh, observed: ObservedCloud, settings: Settings, crew: Crew) -> None:
+        self.mesh, self.settings, self._crew = mesh, settings, crew
+        patches = build_patches(mesh, build_cover(mesh, settings.ring), settings.ring)
+        self.patches, self.domains = with_domains(mesh, patches, settings)
+        self.blending = blending_weights(mesh, self.patches, settings.blending)
+        self.fits: list[PatchFit] = []
+        self.observations = self._observations(observed)
+
+    @property
+    def observed(self) -> ObservedCloud:
+        """The observed points."""
+        return self.observations.cloud
+
+    def _observations(self, observed: ObservedCloud, degrees: NDArray[np.int64] | None = None) -> CloudObservations:
+        return CloudObservations(self.mesh, self.patches, self.blending, self.settings.blending, observed, degrees)
+
+    def observe(self, observed: ObservedCloud) -> None:
+        """Change places and weights of the observed points; the patches stay as they are."""
+        self.observations = self._observations(observed, self.observations.degrees)
+
+    def solve(self) -> Steps[bool]:
+        """Fit every patch by itself; returns whether that was hurried on request."""
+        surface = Blend(self.observations)
+        self.fits, hurry = yield from solve_patches(surface, self.domains, self.settings, self._crew, 0)
+        return hurry
+
+    def sweep(self) -> Steps[None]:
+        """Fit every patch once more, against what the others leave."""
+        single = replace(self.settings, sweeps=1)
+        yield from sweep_patches(self._blend(), self.domains, self.fits, single, self._crew, 0)
+
+    def _blend(self) -> Blend:
+        """The surface of the fits at the observations as they are now."""
+        self.fits = [
+            replace(fit, values=values_at(fit, self.observations.of_patch(k), self.settings))
+            for k, fit in enumerate(self.fits)
+        ]
+        surface = Blend(self.observations)
+        for k, fit in enumerate(self.fits):
+            surface.add(k, fit)
+        return surface
+
+    def tame(self, planes: Planes) -> int:
+        """Fit patches that run away between the points anew, with lower degrees; returns how many."""
+        count = 0
+        for _ in range(TAMING_ROUNDS):
+            degrees = self.observations.degrees
+            wild = runaway_patches(len(self.fits), planes, self._sampled) & (degrees > LOWEST_DEGREE)
+            if not wild.any():
+                break
+            self.observations = self._observations(self.observed, np.where(wild, tamed(degrees), degrees))
+            chunks = chunk_patches(self.observations, np.flatnonzero(wild), channels_of(self.settings))
+            tasks = (chunk_task(self.observations, self.domains, self.settings, chunk) for chunk in chunks)
+            for task, fitted in self._crew.run(tasks):
+                for patch, fit in zip(task.patches, fitted, strict=True):
+                    self.fits[patch] = fit
+            count += int(wild.sum())
+        return count
+
+    def _sampled(self, patch: int) -> tuple[Array, Array]:
+        samples = self.observations.samples_of_patch(patch, SAMPLES)
+        return values_at(self.fits[patch], samples, self.settings), samples.blending
+
+    def representation(self) -> Representation:
+        """What evaluates the surface as it stands."""
+        return assemble(self.mesh, self.patches, self.blending, self.fits, self.settings)
