@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from ..solver.representation import Representation
 
 INSPECTED = "sparse_surface_inspected"
-"""Custom property of what the inspection shows: the result it belongs to."""
+"""Custom property of what the inspection shows: the result's name. A pointer would keep a deleted one alive."""
 
 COLLECTION = "Sparse Surface Inspection"
 
 FINE_SPLITS = 4
 """Parts of a triangle's edge where a patch's functions are shown."""
 
-TILE, GAP = 0.4, 0.1
+TILE, GAP = 0.5, 0.15
 """Width of what is laid flat, and the space around it, in the result's size."""
 
 
@@ -81,7 +81,7 @@ class SPARSE_SURFACE_OT_clear_inspection(Operator):
         if context.mode != "OBJECT":
             cls.poll_message_set("Switch to Object Mode first")
             return False
-        return context.scene.sparse_surface.inspection.holder is not None or COLLECTION in bpy.data.collections
+        return bool(context.scene.sparse_surface.inspection.holder) or COLLECTION in bpy.data.collections
 
     def execute(self, context: Context) -> set[str]:
         clear_inspection(context)
@@ -98,7 +98,7 @@ def _chosen_patch(context: Context, holder: Object, which: str) -> int:
     count = stored_representation.read(holder).patches
     if not count:
         raise InputError(rpt_("'{}' has no patches: all of it passed through unchanged.").format(holder.name))
-    if which == "CHOSEN" or inspection.holder != holder:
+    if which == "CHOSEN" or inspection.holder != holder.name:
         return min(int(inspection.patch), count - 1)
     return (int(inspection.patch) + (1 if which == "NEXT" else -1)) % count
 
@@ -158,7 +158,7 @@ def clear_inspection(context: Context) -> None:
     if collection is not None and not collection.objects and not collection.children and collection.library is None:
         bpy.data.collections.remove(collection)
     noted = context.scene.sparse_surface.inspection
-    noted.holder = None
+    noted.holder = ""
     noted.terms.clear()
     noted.energy.clear()
 
@@ -188,8 +188,7 @@ class _Shown:
         layer.data.foreach_set("color", np.repeat(self.colours[sheet.source], 3, axis=0).ravel())
         mesh.color_attributes.active_color_index = mesh.color_attributes.find(PATCH_COLOUR)
         made = bpy.data.objects.new(name, mesh)
-        made[INSPECTED] = self.holder
-        made.show_wire = made.show_all_edges = True
+        made[INSPECTED] = self.holder.name
         self.collection.objects.link(made)
         return made
 
@@ -227,6 +226,7 @@ def _lay_out(shown: _Shown, coarse: PatchSheet, fine: PatchSheet, context: Conte
         for column, (what, positions, sheet) in zip((0, 1, 2)[-len(row) :], row, strict=True):
             made = shown.add(what, positions, sheet)
             made.show_name = True
+            made.show_wire = made.show_all_edges = sheet is coarse
             tile = Vector(((column + 0.5) * (TILE + GAP), (d + 0.5) * (TILE + GAP), 0.0)) * size
             scale = TILE * size / extent if extent > 0.0 else 1.0
             made.matrix_world = Matrix.Translation(origin + tile) @ Matrix.Scale(scale, 4)
@@ -252,7 +252,7 @@ def _note(context: Context, holder: Object, representation: Representation, patc
     from ..solver.inspection import patch_energy, patch_terms
 
     noted = context.scene.sparse_surface.inspection
-    noted.holder, noted.patch = holder, patch
+    noted.holder, noted.patch = holder.name, patch
     noted.patches = representation.patches
     noted.vertices = int(representation.vertex_offsets[patch + 1] - representation.vertex_offsets[patch])
     for term in patch_terms(representation, patch):

@@ -75,7 +75,7 @@ class SPARSE_SURFACE_PT_inspect(SidebarPanel, Panel):
         row.operator("sparse_surface.inspect_patch", text="Show", icon="VIEWZOOM").which = "CHOSEN"
         row.operator("sparse_surface.inspect_patch", text="At Selection", icon="RESTRICT_SELECT_OFF").which = "SELECTED"
         row.operator("sparse_surface.clear_inspection", text="", icon="TRASH")
-        if inspection.holder is not None:
+        if inspection.holder:
             draw_inspection(self.layout, inspection)
 
 
@@ -95,7 +95,7 @@ class SPARSE_SURFACE_PT_compare(SidebarPanel, Panel):
 
 def draw_inspection(layout: UILayout, inspection: Any) -> None:
     """Show a patch's functions and how its energy fell."""
-    layout.label(text=inspection.holder.name, icon="OUTLINER_OB_MESH", translate=False)
+    layout.label(text=inspection.holder, icon="OUTLINER_OB_MESH", translate=False)
     text = iface_("Patch {} of {}: {} vertices, {} functions")
     layout.label(
         text=text.format(inspection.patch, inspection.patches, inspection.vertices, len(inspection.terms)),

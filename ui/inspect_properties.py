@@ -9,10 +9,9 @@ from bpy.props import (
     FloatProperty,
     FloatVectorProperty,
     IntProperty,
-    PointerProperty,
     StringProperty,
 )
-from bpy.types import Object, PropertyGroup
+from bpy.types import PropertyGroup
 
 from ..solver.settings import PRESETS, Settings
 
@@ -44,7 +43,7 @@ class SparseSurfaceInspection(PropertyGroup):
         max=64,
         soft_max=8,
     )
-    holder: PointerProperty(type=Object, name="Result", description="The result whose patch is shown")
+    holder: StringProperty(name="Result", description="Name of the result whose patch is shown")
     patches: IntProperty(name="Patches")
     vertices: IntProperty(name="Vertices")
     terms: CollectionProperty(type=SparseSurfaceTerm, name="Functions")

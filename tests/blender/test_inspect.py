@@ -107,15 +107,17 @@ def test_clearing_leaves_nothing_behind(result):
     show()
     assert bpy.ops.sparse_surface.clear_inspection() == {"FINISHED"}
     assert {name: len(getattr(bpy.data, name)) for name in before} == before
-    assert inspection().holder is None
+    assert inspection().holder == ""
     assert not len(inspection().terms)
     assert not bpy.ops.sparse_surface.clear_inspection.poll()
 
 
 def test_the_result_may_go_away(result):
+    """Nothing that is shown holds on to it."""
+    users = result.users
     show()
+    assert result.users == users
     bpy.data.objects.remove(result)
-    assert inspection().holder is None
     assert bpy.ops.sparse_surface.clear_inspection() == {"FINISHED"}
     assert not shown()
 

@@ -1,0 +1,141 @@
+"""Looking at patches and comparing methods in a window: panels, stepping, undo, a comparison in the background."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+import driver
+
+
+def result(size: int = 24, **settings: Any) -> Any:
+    driver.clear_scene()
+    driver.add_creased_grid(size)
+    for name, value in {"ring": 5, "iterations": 6, "sweeps": 0, "workers": 1, **settings}.items():
+        setattr(bpy.context.scene.sparse_surface, name, value)
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.approximate("EXEC_DEFAULT", True)
+    return bpy.context.view_layer.objects.active
+
+
+def shown() -> list[str]:
+    return sorted(o.name for o in bpy.data.objects if "sparse_surface_inspected" in o)
+
+
+def only_open(*names: str) -> Any:
+    """Open these sub-panels and close the others: a script cannot click on their headers."""
+    for module in ("ui.panels", "ui.inspect_panel"):
+        for panel in driver.module(module).CLASSES:
+            if "_PT_" in panel.__name__ and panel.__name__ != "SPARSE_SURFACE_PT_main":
+                bpy.utils.unregister_class(panel)
+                panel.bl_options = set() if panel.__name__ in names else {"DEFAULT_CLOSED"}
+                bpy.utils.register_class(panel)
+    yield 0.3
+
+
+def press(name: str, **arguments: Any) -> Any:
+    """Press a button of the panel, with an undo step, and let Blender draw."""
+    with driver.in_viewport():
+        assert getattr(bpy.ops.sparse_surface, name)("INVOKE_DEFAULT", True, **arguments) == {"FINISHED"}
+    yield 0.3
+
+
+def undo(back: bool = True) -> Any:
+    with driver.in_viewport():
+        bpy.ops.ed.undo() if back else bpy.ops.ed.redo()
+    yield 0.3
+
+
+def look_from_above() -> Any:
+    with driver.in_viewport():
+        bpy.ops.view3d.view_axis(type="TOP")
+        bpy.ops.view3d.view_all()
+    yield 1.0
+
+
+def test_patches_step_and_undo():
+    result()
+    shading = driver.viewport().spaces.active.shading
+    shading.type, shading.color_type = "SOLID", "VERTEX"
+    yield from only_open("SPARSE_SURFACE_PT_representation", "SPARSE_SURFACE_PT_inspect")
+    yield from driver.open_sidebar()
+    yield from press("inspect_patch")
+    yield from press("inspect_patch", which="NEXT")
+    assert "Patch 1 Optimised Domain" in shown()
+    yield from look_from_above()
+    driver.shot("inspect")
+    yield from undo()
+    assert "Patch 0 Optimised Domain" in shown()
+    assert bpy.context.scene.sparse_surface.inspection.patch == 0
+    yield from undo(back=False)
+    assert "Patch 1 Optimised Domain" in shown()
+    yield from press("clear_inspection")
+    assert not shown()
+    yield from undo()
+    assert "Patch 1 Optimised Domain" in shown()
+
+
+def test_resampling_and_its_undo():
+    made = result()
+    name, stored = made.name, made["sparse_surface_representation"]
+    yield from press("resample", splits=4)
+    assert bpy.context.view_layer.objects.active.name == f"{name} Resampled"
+    assert len(bpy.context.view_layer.objects.active.data.polygons) == 16 * 23 * 23
+    yield from look_from_above()
+    driver.shot("resampled")
+    yield from undo()
+    assert f"{name} Resampled" not in bpy.data.objects
+    assert bpy.data.objects[name]["sparse_surface_representation"] == stored
+
+
+def test_patch_colours_show():
+    made = result()
+    yield from press("show_patches")
+    yield from look_from_above()
+    driver.shot("patches")
+    assert made.data.color_attributes.active_color.name == "patch_color"
+
+
+def test_methods_are_compared_in_the_background():
+    driver.clear_scene()
+    driver.add_creased_grid(24)
+    bpy.context.scene.sparse_surface.comparison.second = "PRESET_fast"
+    for name, value in {"ring": 5, "method": "traditional", "workers": 1}.items():
+        setattr(bpy.context.scene.sparse_surface, name, value)
+    yield from only_open("SPARSE_SURFACE_PT_compare")
+    yield from driver.open_sidebar()
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.compare_methods("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
+    yield from driver.wait_for(lambda: driver.running() is None, 240.0, "end of the comparison")
+    yield 0.5
+    made = [o.name for o in bpy.data.objects]
+    assert made == ["Creased", "Creased Sparse Surface 1 Traditional", "Creased Sparse Surface 2 Fast"], made
+    yield from look_from_above()
+    driver.shot("compare")
+
+
+def test_a_cancelled_comparison_leaves_nothing_behind():
+    driver.clear_scene()
+    driver.add_creased_grid(60)
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.compare_methods("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
+    yield from driver.wait_for(lambda: driver.running().progress, 60.0, "first word of the solver")
+    driver.press("ESC")
+    yield from driver.wait_for(lambda: driver.running() is None, 20.0, "end after ESC")
+    yield 0.5
+    assert [o.name for o in bpy.data.objects] == ["Creased"]
+    assert not driver.children()
+
+
+if __name__ == "__main__":
+    driver.run(
+        test_patches_step_and_undo,
+        test_resampling_and_its_undo,
+        test_patch_colours_show,
+        test_methods_are_compared_in_the_background,
+        test_a_cancelled_comparison_leaves_nothing_behind,
+    )
