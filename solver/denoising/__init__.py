@@ -10,7 +10,6 @@ Four steps, one module each:
 4. `vertex_update`: every vertex moves to where the patches around it meet.
 """
 
-from .noise_level import estimate_noise_level
 from .pipeline import Denoised, denoise, denoise_steps
 
-__all__ = ["Denoised", "denoise", "denoise_steps", "estimate_noise_level"]
+__all__ = ["Denoised", "denoise", "denoise_steps"]

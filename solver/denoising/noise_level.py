@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array
@@ -13,41 +15,65 @@ from .surface import Surface, normals_and_areas, unit
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
-FEWEST_VERTICES = 50
-"""With fewer vertices inside the surface than this, noise cannot be told from shape."""
+FEWEST_VERTICES = 200
+"""With fewer vertices away from borders and creases than this, noise cannot be told from shape."""
 
-STRONG = 0.45
-"""Noise above this share of the mean edge length leaves nothing in single normals for a bilateral filter to go by."""
+STRONG = 0.35
+"""Noise above this share of the mean edge length leaves little in single normals for a bilateral filter to go by."""
 
+_FOLDED = 0.14  # share of edges with the triangles folded over each other that only strong noise makes
 _CREASE = 0.35  # angle between filtered normals across an edge
-_SMOOTH_SHARE = 0.1  # of the vertices must remain for the second estimate
+_SMOOTH_SHARE = 0.1  # of the vertices must be away from creases for them to stand for all
 _CLIP = 2.5  # standard deviations beyond which a value counts as shape (a crease), not as noise
 _CLIPPED_DEVIATION = 0.9546  # standard deviation of a unit normal variable within the clip
 _LOW_SHARE = 0.25
 _LOW_QUANTILE = 0.3186  # a quarter of a unit normal variable is smaller than this
+_NEIGHBOURHOOD = 3  # rings
 
 
-def estimate_noise_level(mesh: TriangleMesh, surface: Surface) -> float:
-    """Estimate the standard deviation of the noise along the surface's normal, in scene units.
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """What a mesh tells of its noise.
+
+    Attributes
+    ----------
+    level
+        Standard deviation of the noise along the surface's normals, in scene units; 0 where nothing can be told.
+    unevenness
+        Coefficient of variation of the fine relief's mean size around each vertex.  About 0.2 for noise, which is
+        the same everywhere; more for what belongs to the shape.
+    """
+
+    level: float
+    unevenness: float
+
+
+UNKNOWN = NoiseEstimate(0.0, np.inf)
+
+
+def estimate_noise_level(mesh: TriangleMesh, surface: Surface) -> NoiseEstimate:
+    """Estimate the noise of a mesh from the mesh alone.
 
     The Laplacian applied twice cancels the shape of a smooth surface up to fourth order and leaves the noise,
     magnified by a known factor at each vertex.  What creases and fine relief leave is larger and is clipped away.  A
     first estimate shows where the creases are; the second leaves their surroundings out.
-
-    Returns
-    -------
-    0 where the mesh has fewer than `FEWEST_VERTICES` vertices away from its borders.
     """
     inside = mesh.used & ~mesh.border & (mesh.adjacency @ mesh.border.astype(float) == 0)
     if inside.sum() < FEWEST_VERTICES:
-        return 0.0
-    values = np.abs(_relief(mesh))
-    first = _clipped_deviation(values[inside])
-    if not 0.0 < first < STRONG * mean_edge_length(mesh):
-        return first
-    smooth = inside & ~_beside_creases(mesh, filter_normals(surface, mesh.vertices, first))
-    enough = smooth.sum() >= max(FEWEST_VERTICES, _SMOOTH_SHARE * inside.sum())
-    return _clipped_deviation(values[smooth]) if enough else first
+        return UNKNOWN
+    relief = np.abs(_relief(mesh))
+    first = _clipped_deviation(relief[inside])
+    if first == 0.0:
+        return UNKNOWN
+    chosen = inside
+    if first < STRONG * mean_edge_length(mesh):
+        smooth = inside & ~_beside_creases(mesh, filter_normals(surface, mesh.vertices, first))
+        if smooth.sum() < FEWEST_VERTICES and _folded_share(mesh, surface) < _FOLDED:
+            return UNKNOWN
+        if smooth.sum() >= max(FEWEST_VERTICES, _SMOOTH_SHARE * inside.sum()):
+            chosen = smooth
+    level = _clipped_deviation(relief[chosen])
+    return NoiseEstimate(level, _unevenness(mesh, np.minimum(relief, _CLIP * level), chosen))
 
 
 def mean_edge_length(mesh: TriangleMesh) -> float:
@@ -87,6 +113,22 @@ def _beside_creases(mesh: TriangleMesh, normals: Floats) -> Booleans:
     for _ in range(2):
         beside = beside + mesh.adjacency @ beside
     return beside > 0
+
+
+def _folded_share(mesh: TriangleMesh, surface: Surface) -> float:
+    """Share of the edges whose two triangles face against each other."""
+    normals, _ = normals_and_areas(mesh.vertices, surface.triangles)
+    one, two = mesh.edge_triangles[mesh.edge_triangles[:, 1] >= 0].T
+    return float(np.mean((normals[one] * normals[two]).sum(axis=1) < 0)) if len(one) else 0.0
+
+
+def _unevenness(mesh: TriangleMesh, relief: Floats, chosen: Booleans) -> float:
+    total, count = relief * chosen, chosen.astype(np.float64)
+    reach = mesh.reach.astype(np.float64)
+    for _ in range(_NEIGHBOURHOOD):
+        total, count = reach @ total, reach @ count
+    around = total[chosen] / count[chosen]
+    return float(around.std() / around.mean()) if around.any() else np.inf
 
 
 def _clipped_deviation(magnitudes: Floats) -> float:

@@ -51,10 +51,13 @@ def filter_normals(surface: Surface, vertices: Floats, noise_level: float) -> Fl
 
 
 def smooth_normals(surface: Surface, vertices: Floats) -> Floats:
-    """Return the area-weighted mean of the normals of each triangle and those around it, (T, 3)."""
+    """Return the triangles' normals, (T, 3), averaged twice with those around, weighted with the areas."""
     normals, areas = normals_and_areas(vertices, surface.triangles)
-    weighted = normals * areas[:, None]
-    return unit(weighted + surface.around.astype(np.float64) @ weighted)
+    around = surface.around.astype(np.float64)
+    for _ in range(2):
+        weighted = normals * areas[:, None]
+        normals = unit(weighted + around @ weighted)
+    return normals
 
 
 def _nearness(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,10 @@ Integers = NDArray[np.int64]
 Indices = NDArray[np.int64]
 
 CLEAN = 0.03
-"""Noise below this share of the mean edge length is taken for the mesh's own relief and left alone."""
+"""Relief below this share of the mean edge length is taken for the mesh's own and left alone ..."""
+
+EVEN = 0.25
+"""... unless it is so even (see `NoiseEstimate`) that it must be noise, and above a third of that share."""
 
 LARGEST_STRENGTH = 10.0
 
@@ -96,7 +100,7 @@ def denoise(
     InputError
         When the mesh cannot be worked on (see `build_mesh`).
     SettingsError
-        When the noise level or the strength lies outside of its range.
+        When the noise level or the strength is outside of its range.
     """
     steps = denoise_steps(vertices, faces, noise_level=noise_level, strength=strength, triangles=triangles)
     return run_to_end(steps, report)
@@ -119,23 +123,28 @@ def denoise_steps(
     mesh = build_mesh(given, faces, triangles)
     yield Progress("Estimating the noise", 0.0)
     surface = build_surface(mesh)
-    estimated = estimate_noise_level(mesh, surface)
-    asked = strength * (estimated if noise_level is None else noise_level)
+    estimate = estimate_noise_level(mesh, surface)
     edge = mean_edge_length(mesh)
-    if asked == 0 or edge == 0 or (noise_level is None and asked < CLEAN * edge):
+    asked = strength * (estimate.level if noise_level is None else noise_level)
+    least = 0.0 if noise_level is not None else CLEAN if estimate.unevenness > EVEN else CLEAN / 3
+    if asked == 0 or edge == 0 or asked < least * edge:
         unmoved = given.copy() if np.issubdtype(given.dtype, np.floating) else mesh.vertices.copy()
-        return Denoised(unmoved, 0.0, estimated, 0.0, np.zeros(len(given)))
+        return Denoised(unmoved, 0.0, estimate.level, 0.0, np.zeros(len(given)))
     moved, level = yield from within(_without_noise(mesh, surface, asked), 0.05, 1.0)
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
-    return Denoised(result, level, estimated, level / edge, displacement)
+    return Denoised(result, level, estimate.level, level / edge, displacement)
 
 
 def _check(noise_level: float | None, strength: float) -> None:
-    if noise_level is not None and not 0.0 <= noise_level < np.inf:
+    if noise_level is not None and not _lies_within(noise_level, 0.0, np.finfo(np.float64).max):
         raise SettingsError(f"The noise level must be a length of 0 or more, not {noise_level!r}.")
-    if not 0.0 <= strength <= LARGEST_STRENGTH:
+    if not _lies_within(strength, 0.0, LARGEST_STRENGTH):
         raise SettingsError(f"The strength must be a number from 0 to {LARGEST_STRENGTH:g}, not {strength!r}.")
+
+
+def _lies_within(value: object, low: float, high: float) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high
 
 
 def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float) -> Steps[tuple[Floats, float]]:
