@@ -18,6 +18,8 @@ EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
 """Where the jump across a patch's rim is measured along an edge."""
 
 POINTS_AT_ONCE = 600_000
+TRIANGLES_AT_ONCE = 100_000
+"""Measured together: more would only take memory."""
 
 
 def statistics(error: Array) -> dict[str, float]:
@@ -132,9 +134,25 @@ def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
     area
         Areas in the initial domains, (C, S).
     """
-    energies = [DomainEnergy.of(start.T, representation.corners) for start in representation.initial_domains]
-    jacobians = [energy.jacobian(domain.T) for energy, domain in zip(energies, representation.domains, strict=True)]
-    return np.stack(jacobians, axis=2), np.stack([energy.area for energy in energies])
+    vertices, triangles = representation.vertex_offsets, representation.triangle_offsets
+    jacobians = np.empty((2, 2, len(representation.domains), triangles[-1]))
+    area = np.empty(jacobians.shape[2:])
+    for first, end in _patch_blocks(triangles):
+        own, faces = slice(vertices[first], vertices[end]), slice(triangles[first], triangles[end])
+        corners = representation.corners[faces] - vertices[first]
+        for c, (start, domain) in enumerate(zip(representation.initial_domains, representation.domains, strict=True)):
+            energy = DomainEnergy.of(start[own].T, corners)
+            jacobians[:, :, c, faces], area[c, faces] = energy.jacobian(domain[own].T), energy.area
+    return jacobians, area
+
+
+def _patch_blocks(triangle_offsets: Indices) -> Iterator[tuple[int, int]]:
+    """Runs of patches, first and one past the last, with so many triangles together."""
+    count = len(triangle_offsets) - 1
+    block = triangle_offsets[:-1] // TRIANGLES_AT_ONCE
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    for first, end in zip(starts, np.append(starts[1:], count), strict=True):
+        yield int(first), int(end)
 
 
 def flipped_triangles(jacobians: Array, area: Array) -> int:
