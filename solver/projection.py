@@ -118,7 +118,8 @@ def vertex_normals(mesh: TriangleMesh, smoothing: int = 1) -> Array:
     """
     ends = mesh.vertices[mesh.triangles]
     turn = np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
-    normals = turn * _unit(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]))
+    crossed = np.asarray(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), dtype=np.float64)
+    normals = turn * _unit(crossed)
     total = np.zeros_like(mesh.vertices)
     for corner in range(3):
         one = _unit(ends[:, (corner + 1) % 3] - ends[:, corner])
