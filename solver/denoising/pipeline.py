@@ -130,25 +130,28 @@ def denoise_steps(
     if asked == 0 or edge == 0 or asked < least * edge:
         unmoved = given.copy() if np.issubdtype(given.dtype, np.floating) else mesh.vertices.copy()
         return Denoised(unmoved, 0.0, estimate.level, 0.0, np.zeros(len(given)))
-    moved, level = yield from within(_without_noise(mesh, surface, asked), 0.05, 1.0)
+    moved, level = yield from within(_without_noise(mesh, surface, asked, max(asked, estimate.level)), 0.05, 1.0)
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
     return Denoised(result, level, estimate.level, level / edge, displacement)
 
 
 def _check(noise_level: float | None, strength: float) -> None:
-    if noise_level is not None and not _lies_within(noise_level, 0.0, np.finfo(np.float64).max):
+    if noise_level is not None and not _lies_within(noise_level, 0.0, float(np.finfo(np.float64).max)):
         raise SettingsError(f"The noise level must be a length of 0 or more, not {noise_level!r}.")
     if not _lies_within(strength, 0.0, LARGEST_STRENGTH):
         raise SettingsError(f"The strength must be a number from 0 to {LARGEST_STRENGTH:g}, not {strength!r}.")
 
 
-def _lies_within(value: object, low: float, high: float) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high
+def _lies_within(value: Any, low: float, high: float) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= high
 
 
-def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float) -> Steps[tuple[Floats, float]]:
-    """Return the moved vertices, and the noise level that was used in the end."""
+def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: float) -> Steps[tuple[Floats, float]]:
+    """Return the moved vertices, and the noise level that was used in the end.
+
+    Starts from the level that is `asked` for; `known` is the noise that there can be.
+    """
     used = mesh.vertices[mesh.triangles]
     centre, scale = used.mean(axis=(0, 1)), mesh.longest_side
     noisy = (mesh.vertices - centre) / scale
@@ -160,7 +163,7 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float) -> Steps[
         moved, directions = yield from within(_pass(surface, noisy, noise_level, relative), fraction, end)
         along = np.abs(((moved - noisy) * directions).sum(axis=1))[mesh.used[: len(noisy)]]
         # Noise moves half of the vertices by less than 0.67 of its level; more means that shape was taken for noise.
-        if step == _STEPS_DOWN or np.median(along) <= noise_level:
+        if step == _STEPS_DOWN or np.median(along) <= known / scale:
             break
         noise_level, relative, fraction = noise_level / 2, relative / 2, end
     held = (moved == noisy).all(axis=1)
