@@ -35,14 +35,21 @@ def statistics(error: Array) -> dict[str, float]:
 
 
 def surface_error(
-    representation: Representation, triangles: Indices | None = None, samples: Array = SURFACE_SAMPLES
+    representation: Representation,
+    triangles: Indices | None = None,
+    samples: Array = SURFACE_SAMPLES,
+    vertices: Array | None = None,
 ) -> Array:
-    """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only."""
+    """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only.
+
+    The points x lie on the triangles between `vertices`, (V, 3), which are the representation's own where None.
+    """
+    vertices = representation.vertices if vertices is None else vertices
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
     distance = np.empty((len(asked), len(samples)))
     for block in _blocks(len(asked), len(samples)):
         face = asked[block]
-        flat = np.einsum("sk,tkd->tsd", samples, representation.vertices[representation.triangles[face]])
+        flat = np.einsum("sk,tkd->tsd", samples, vertices[representation.triangles[face]])
         points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
         distance[block] = np.linalg.norm(points.reshape(flat.shape) - flat, axis=2)
     return distance
@@ -151,7 +158,7 @@ def _patch_blocks(triangle_offsets: Indices) -> Iterator[tuple[int, int]]:
     count = len(triangle_offsets) - 1
     block = triangle_offsets[:-1] // TRIANGLES_AT_ONCE
     starts = np.flatnonzero(np.diff(block, prepend=-1))
-    for first, end in zip(starts, np.append(starts[1:], count), strict=True):
+    for first, end in zip(starts, np.append(starts, count)[1:], strict=True):
         yield int(first), int(end)
 
 
