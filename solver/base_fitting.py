@@ -53,8 +53,6 @@ def checked_base(vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]
     mesh = build_mesh(vertices, faces)
     sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, count = np.unique(sides, axis=0, return_counts=True)
-    if mesh.collapsed.any():
-        raise InputError("The base has a face that names a vertex twice.")
     if count.max() > 2:
         raise InputError(f"The base is not manifold: {int((count > 2).sum())} edges belong to more than two triangles.")
     if mesh.node_count > len(mesh.vertices):

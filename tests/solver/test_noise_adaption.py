@@ -1,0 +1,89 @@
+"""Functions, patches and regularisation under noise: no more than it allows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sparse_surface.solver.base_fitting import checked_base
+from sparse_surface.solver.cloud_geometry import analyse
+from sparse_surface.solver.cloud_models import ball, head
+from sparse_surface.solver.cloud_observations import ObservedCloud
+from sparse_surface.solver.noise_adaption import iterations_for_noise, ring_for_noise
+from sparse_surface.solver.projection import project
+from sparse_surface.solver.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.solver.settings import Settings
+from sparse_surface.solver.variable_projection import PROXIMITY_DECAY
+
+
+def signals(noise: float, seed: int, count: int = 300, size: int = 40):
+    """Dictionary, a combination of five of its functions with noise, and what a pursuit sees of them."""
+    random = np.random.default_rng(seed)
+    functions = random.normal(size=(size, count)) / np.sqrt(count)
+    values = 3.0 * functions[:5].sum(axis=0) + noise * random.normal(size=count)
+    return functions, values, (functions @ functions.T)[None], (functions @ values)[None, None]
+
+
+def test_with_a_price_only_functions_that_explain_more_than_noise_are_taken() -> None:
+    exact = 0
+    for seed in range(20):
+        _, _, gram, correlation = signals(0.2, seed)
+        worth = np.array([2.0 * np.log(40) * 0.2**2])
+        support = least_squares_pursuit(gram, correlation, 15, worth=worth)[0, 0]
+        assert set(range(5)) <= set(support)
+        exact += int((support >= 0).sum() == 5)
+    assert exact >= 15
+    without = least_squares_pursuit(gram, correlation, 15)[0, 0]
+    assert (without >= 0).all()
+
+
+@pytest.mark.parametrize("pursue", [least_squares_pursuit, matching_pursuit])
+def test_the_number_of_functions_minimises_residual_plus_price(pursue) -> None:
+    """Against all prefixes of the unpriced choice, each refitted by itself."""
+    for seed in range(5):
+        functions, values, gram, correlation = signals(0.5, seed)
+        options = {"replacements": 0} if pursue is least_squares_pursuit else {}
+        everything = pursue(gram, correlation, 15, **options)[0, 0]
+        price = 0.3
+        costs = []
+        for count in range(1, 16):
+            chosen = functions[everything[:count]].T
+            residual = values - chosen @ np.linalg.lstsq(chosen, values, rcond=None)[0]
+            costs.append(residual @ residual + price * count)
+        support = pursue(gram, correlation, 15, worth=np.array([price]), **options)[0, 0]
+        assert (support >= 0).sum() == np.argmin(costs) + 1
+        np.testing.assert_array_equal(support[support >= 0], everything[: np.argmin(costs) + 1])
+
+
+def test_no_price_changes_nothing() -> None:
+    _, _, gram, correlation = signals(0.2, 0)
+    np.testing.assert_array_equal(
+        least_squares_pursuit(gram, correlation, 12, worth=np.zeros(1)), least_squares_pursuit(gram, correlation, 12)
+    )
+
+
+def test_regularisation_stops_where_the_noise_asks_for() -> None:
+    settings = Settings(iterations=50)
+    assert iterations_for_noise(settings, 0.0) == 50
+    previous = 50
+    for noise in (1e-6, 1e-4, 1e-3, 1e-2, 0.03):
+        count = iterations_for_noise(settings, noise)
+        assert count <= previous
+        if count < 50:
+            last = settings.beta1 * PROXIMITY_DECAY ** (count - 1)
+            assert last >= (noise / 0.1) ** 2 > last * PROXIMITY_DECAY
+        previous = count
+    assert iterations_for_noise(settings, 10.0) == 1
+    assert iterations_for_noise(Settings(iterations=0), 10.0) == 0
+    assert iterations_for_noise(Settings(method="paper"), 10.0) == 15
+
+
+def chosen_ring(cloud) -> int:
+    mesh, geometry = checked_base(cloud.base_vertices, cloud.base_faces), analyse(cloud.points)
+    observed = ObservedCloud(cloud.points, project(cloud.points, mesh), np.ones(len(cloud.points)), geometry.noise)
+    return ring_for_noise(mesh, observed, geometry, Settings().resolved())
+
+
+def test_patches_grow_with_the_noise() -> None:
+    assert chosen_ring(ball(4000, 100)) == 1
+    assert chosen_ring(ball(4000, 100, noise=0.005)) > 1
+    assert chosen_ring(head(6000, 150)) == 1

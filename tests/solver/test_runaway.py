@@ -1,0 +1,51 @@
+"""Patches that swing out between points are found and tamed."""
+
+from __future__ import annotations
+
+import numpy as np
+from sparse_surface.solver.cloud_geometry import analyse
+from sparse_surface.solver.cloud_models import ball, box
+from sparse_surface.solver.runaway import Planes, runaway_patches, tamed, triangle_grid
+
+
+def test_planes_are_near_the_surface_and_far_from_what_is_off_it() -> None:
+    for cloud in (ball(3000, 24), box()):
+        geometry = analyse(cloud.points)
+        planes = Planes(cloud.points, geometry)
+        assert (planes.distance(cloud.points) < 0.1 * planes.tolerance).all()
+    random = np.random.default_rng(0)
+    directions = random.normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    cloud = ball(3000, 24)
+    planes = Planes(cloud.points, analyse(cloud.points))
+    assert (planes.distance(0.5 * directions) < 0.1 * planes.tolerance).all()
+    assert (planes.distance(0.53 * directions) > planes.tolerance).all()
+
+
+def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
+    cloud = ball(3000, 24)
+    planes = Planes(cloud.points, analyse(cloud.points))
+    on_surface, off = cloud.points[:50], 1.2 * cloud.points[:50]
+
+    def sampled(patch: int):
+        weight = np.full(50, 0.0 if patch == 2 else 0.5)
+        # a patch without any weight may be a little off
+        return {0: on_surface, 1: off, 2: 1.05 * on_surface}[patch], weight
+
+    np.testing.assert_array_equal(runaway_patches(3, planes, sampled), [False, True, False])
+
+
+def test_degrees_fall_to_the_lowest() -> None:
+    degrees = np.array([14, 7, 3, 2])
+    for _ in range(6):
+        lower = tamed(degrees)
+        assert (lower <= degrees).all()
+        degrees = lower
+    np.testing.assert_array_equal(degrees, 2)
+
+
+def test_grid_of_a_triangle() -> None:
+    grid = triangle_grid(4)
+    assert len(grid) == 15
+    np.testing.assert_allclose(grid.sum(axis=1), 1.0)
+    assert len(np.unique(grid, axis=0)) == 15
