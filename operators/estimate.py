@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bpy.types import Object
@@ -59,7 +59,14 @@ def _patches(vertices: int, ring: int) -> int:
 
 
 def _work(vertices: int, settings: Settings) -> float:
-    """Floating-point work in arbitrary units: observations times functions times steps."""
+    """Floating-point work in arbitrary units: observations times functions times steps.
+
+    Taking noise off costs about as much as a default run.
+    """
+    if settings.denoise == "only":
+        return _work(vertices, Settings())
+    if settings.denoise == "first":
+        return _work(vertices, Settings()) + _work(vertices, replace(settings, denoise="off"))
     overlap = (1 + 3 * settings.ring * (settings.ring + 1)) / (
         COVER_EFFICIENCY * (1 + 3 * settings.ring * (settings.ring - 1))
     )

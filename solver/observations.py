@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .errors import InputError
 from .mesh import TriangleMesh
 from .patches import Patches
 from .sampling import SURFACE_SAMPLES
@@ -27,6 +28,22 @@ SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
 
 CENTROID = np.full((1, 3), 1.0 / 3.0)
+
+
+def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
+    """Return observation weights of the vertices, (V,), or None for ones.
+
+    Raises
+    ------
+    InputError
+        When they are not one number from 0 to 1 for each vertex.
+    """
+    if weights is None:
+        return None
+    checked = np.asarray(weights, dtype=np.float64)
+    if checked.shape != (vertices,) or not ((checked >= 0.0) & (checked <= 1.0)).all():
+        raise InputError("The weights must be one number from 0 to 1 for each vertex.")
+    return checked
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from .errors import InputError
 from .execution import Crew, crew_for
 from .mesh import TriangleMesh, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error
-from .observations import MeshObservations
+from .observations import MeshObservations, checked_weights
 from .overshoot import overshooting
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
 from .patches import build_patches
@@ -155,7 +155,13 @@ def approximate_steps(
     settings = (settings or Settings()).resolved()
     source = np.asarray(vertices)
     with crew_for(settings.workers, len(source) if source.ndim else 0, executor) as crew:
-        return (yield from _approximate(source, faces, settings, triangles, weights, crew))
+        if settings.denoise == "off":
+            return (yield from _approximate(source, faces, settings, triangles, weights, crew))
+
+        def fit(positions: NDArray[Any], held: Array | None) -> Steps[Approximation]:
+            return _approximate(positions, faces, settings, triangles, held, crew)
+
+        return (yield from denoise_first(source, faces, settings, triangles, weights, fit))
 
 
 def _approximate(
@@ -209,13 +215,8 @@ def _held_vertices(
     mesh: TriangleMesh, weights: ArrayLike | None, pin_boundary: bool
 ) -> tuple[TriangleMesh, Array | None]:
     """Let vertices of weight zero, and those of open borders on request, pass through."""
-    held = np.zeros(len(mesh.vertices), dtype=bool)
-    checked = None
-    if weights is not None:
-        checked = np.asarray(weights, dtype=np.float64)
-        if checked.shape != held.shape or not ((checked >= 0.0) & (checked <= 1.0)).all():
-            raise InputError("The weights must be one number from 0 to 1 for each vertex.")
-        held |= checked == 0.0
+    checked = checked_weights(weights, len(mesh.vertices))
+    held = np.zeros(len(mesh.vertices), dtype=bool) if checked is None else checked == 0.0
     if pin_boundary:
         held[mesh.node_vertex[mesh.border]] = True
     return replace(mesh, passed_through=mesh.passed_through | held), checked

@@ -146,6 +146,19 @@ class Settings:
         True, "Split patches whose initial domain is badly squeezed into smaller rings before solving"
     )
     mark_creases: bool = switch(False, "Mark the edges that the optimisation treats as creases as sharp on the result")
+    denoise: str = choice(
+        "off",
+        "Whether noise is taken off first; creases are kept, and a mesh without noise stays as it is",
+        off="Approximate the mesh as it is",
+        only="Take the noise off and leave it at that: the denoised mesh is the result",
+        first="Take the noise off, then approximate the denoised mesh",
+    )
+    denoise_strength: float = number(
+        1.0, 0.0, 10.0, "How much noise is taken off, as a multiple of what is found. 0: none", soft=(0.0, 3.0)
+    )
+    noise_level: float = number(
+        0.0, 0.0, 1e12, "Standard deviation of the noise, in scene units. 0: estimated from the mesh"
+    )
     pin_boundary: bool = switch(False, "Keep the vertices of open borders where they are")
     workers: int = number(
         0, 0, 256, "Processes that solve patches. 0: one for each physical core; 1: all in this process", soft=(0, 32)
@@ -208,5 +221,6 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {"method": "paper", "sweeps": 2},
     "fast": {"iterations": 6, "sweeps": 0},
     "precise": {"domains": "separate"},
+    "denoise": {"denoise": "only"},
 }
 """Named deviations from the defaults, the same in the panel and on the command line."""

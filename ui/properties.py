@@ -21,6 +21,7 @@ NAMES = {
     "rho": "Penalty",
     "tau": "Multiplier Step",
     "adaptive": "Adaptive Rings",
+    "denoise_strength": "Strength",
 }
 """Names of settings that are not just their identifier in title case."""
 
@@ -33,9 +34,14 @@ CHOICE_NAMES = {
     "separate": "Domain per Coordinate",
     "partition": "Partition of Unity",
     "data": "Data",
+    "only": "Denoise Only",
+    "first": "Denoise, then Approximate",
     "vertex": "Per Vertex",
     "printed": "As Printed",
 }
+
+LENGTHS = {"tolerance", "noise_level"}
+"""Settings in scene units."""
 
 FLOAT_MAXIMUM = 1e12
 """Beyond this Blender's single precision serves no purpose."""
@@ -59,7 +65,7 @@ def solver_property(item: dataclasses.Field) -> Any:
     ranges = {"min": low, "max": high, "soft_min": soft_low, "soft_max": soft_high}
     if isinstance(item.default, int):
         return IntProperty(**ranges, **common)
-    if item.name == "tolerance":
+    if item.name in LENGTHS:
         return FloatProperty(**ranges, **common, subtype="DISTANCE", unit="LENGTH", precision=5)
     return FloatProperty(**ranges, **common, precision=3)
 
