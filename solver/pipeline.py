@@ -18,7 +18,7 @@ from .blending import blending_weights
 from .consistency import Blend, sweep
 from .cover import build_cover
 from .creases import crease_edges
-from .errors import InputError
+from .denoise_first import denoise_first
 from .execution import Crew, crew_for
 from .mesh import TriangleMesh, build_mesh
 from .metrics import domain_jacobians, domain_stretch, flipped_triangles, normal_error, seam, statistics, surface_error

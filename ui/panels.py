@@ -23,10 +23,11 @@ DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive
 DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
 PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
 SWEEPS = ("sweeps", "blending")
+NOISE = ("denoise", "denoise_strength", "noise_level")
 OUTPUT = ("keep_iterations", "workers")
 
 
-MORE = tuple(name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *PAPER, *SWEEPS, *OUTPUT})
+MORE = tuple(name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *PAPER, *SWEEPS, *NOISE, *OUTPUT})
 """Settings without a place of their own."""
 
 
@@ -98,6 +99,22 @@ class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):
         column = self.column(context)
         for name in SWEEPS:
             column.prop(context.scene.sparse_surface, name)
+
+
+class SPARSE_SURFACE_PT_noise(SidebarPanel, Panel):
+    bl_label = "Noise"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        settings = context.scene.sparse_surface
+        column = self.column(context)
+        first, *others = NOISE
+        column.prop(settings, first)
+        how = column.column()
+        how.active = settings.denoise != "off"
+        for name in others:
+            how.prop(settings, name)
 
 
 class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
@@ -230,6 +247,7 @@ CLASSES = (
     SPARSE_SURFACE_PT_main,
     SPARSE_SURFACE_PT_domain,
     SPARSE_SURFACE_PT_sweeps,
+    SPARSE_SURFACE_PT_noise,
     SPARSE_SURFACE_PT_output,
     SPARSE_SURFACE_PT_display,
     SPARSE_SURFACE_PT_statistics,
