@@ -1,0 +1,3 @@
+import bpy
+
+bpy.context.scene.sparse_surface.apply_preset("denoise")
