@@ -86,9 +86,7 @@ def _heard(steps: Steps[Denoised]) -> Steps[tuple[Denoised, bool]]:
         steps.close()
 
 
-def _against_input(
-    result: Approximation, source: Array, denoised: Denoised, seconds: float
-) -> Approximation:
+def _against_input(result: Approximation, source: Array, denoised: Denoised, seconds: float) -> Approximation:
     """Replace what was measured against the denoised mesh by what is measured against the input."""
     surface, points = result.representation, result.vertices.astype(np.float64)
     error = np.linalg.norm(points - source, axis=1)

@@ -27,7 +27,9 @@ NOISE = ("denoise", "denoise_strength", "noise_level")
 OUTPUT = ("keep_iterations", "workers")
 
 
-MORE = tuple(name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *PAPER, *SWEEPS, *NOISE, *OUTPUT})
+MORE = tuple(
+    name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *PAPER, *SWEEPS, *NOISE, *OUTPUT}
+)
 """Settings without a place of their own."""
 
 
