@@ -1,8 +1,8 @@
 """Denoising as a part of `approximate`: noise is taken off first, and the result is fitted only on request.
 
-On a mesh without its noise there is little left to be gained by a sparse fit: what a few functions cannot follow counts for
-more than what noise remains.  So the denoised mesh is the result, as a representation without patches, unless a fit is
-asked for.
+On a mesh without its noise there is little left to be gained by a sparse fit: what a few functions cannot follow
+counts for more than what noise remains.  So the denoised mesh is the result, as a representation without patches,
+unless a fit is asked for.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ def test_two_parts_that_share_one_vertex_are_refused() -> None:
 
 def test_a_distant_base_is_refused() -> None:
     cloud = ball()
-    mesh = checked_base(cloud.base_vertices + [3.0, 0, 0], cloud.base_faces)
+    mesh = checked_base(cloud.base_vertices + np.array([3.0, 0.0, 0.0]), cloud.base_faces)
     with pytest.raises(InputError, match=r"^The base is far from the points: half of them are more than .* long\.$"):
         refuse_distant(cloud.points, mesh)
     refuse_distant(cloud.points, checked_base(cloud.base_vertices, cloud.base_faces))
