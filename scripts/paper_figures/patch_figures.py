@@ -1,0 +1,259 @@
+"""Figures 1 to 8: one patch at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from measurements import CONVERGING, FREER, PRINTED, Notebook, rounded
+from models import PAPER_MODELS
+from numpy.typing import NDArray
+from page import Page
+from scalar import Fitted, Patch, bent_crease, fit, grid_patch, iterates, smooth
+from shots import BLUE, CYAN, GREEN, YELLOW, Shown, View, shoot
+from sparse_surface.solver import Approximation, Representation, Settings, approximate
+
+Array = NDArray[np.float64]
+
+VIEW = View(azimuth=-40.0, elevation=38.0)
+FREE = replace(FREER, observations="vertices")
+"""The paper's iteration with rho = 1, f = b and beta per vertex, on vertices alone: what settles on scalar data."""
+
+TRADITIONAL, DEFAULT = Settings(method="traditional"), Settings()
+
+
+@cache
+def crease_patch() -> Patch:
+    return grid_patch(bent_crease)
+
+
+@cache
+def smooth_patch() -> Patch:
+    return grid_patch(smooth)
+
+
+def surface(points: Array, values: Array, patch: Patch, colour: tuple[float, float, float]) -> Array:
+    """Render scalar data as heights over parameters, framed like the patch's own data."""
+    frame = np.column_stack([patch.domain, patch.values])
+    frame = np.concatenate([frame * [1, 1, 1.15], np.column_stack([points, np.clip(values, *_range(patch))])])
+    return shoot([Shown(np.column_stack([points, values]), patch.triangles, colour)], VIEW, frame=frame)
+
+
+def _range(patch: Patch) -> tuple[float, float]:
+    return float(patch.values.min()) - 0.1, float(patch.values.max()) + 0.1
+
+
+def chosen_functions(page: Page, row: int, column: int, fitted: Fitted, title: str) -> None:
+    """Draw the dictionary as a triangle of degrees, the chosen functions with their coefficients."""
+    panel = page.chart(row, column, title)
+    degrees, degree = fitted.dictionary.degrees, fitted.dictionary.degree
+    panel.scatter(*degrees.T, s=9, facecolors="none", edgecolors=(0.75, 0.75, 0.75), linewidths=0.6)
+    used = fitted.support[fitted.support >= 0]
+    size = 12 + 60 * np.sqrt(np.abs(fitted.coefficients[: len(used)]) / np.abs(fitted.coefficients).max())
+    panel.scatter(*degrees[used].T, s=size, color=(0.93, 0.52, 0.13))
+    panel.set_xlabel("degree in u", labelpad=1)
+    panel.set_ylabel("degree in v", labelpad=1)
+    panel.set_aspect("equal")
+    panel.set_xlim(-1, degree + 1)
+    panel.set_ylim(-1, degree + 1)
+    panel.spines[["top", "right"]].set_visible(False)
+
+
+def figure_1(notebook: Notebook) -> None:
+    """Sparse representation of a smooth patch; of a crease without and with domain optimisation."""
+    page = Page(3, 4)
+    cases = (
+        (smooth_patch(), TRADITIONAL, "smooth, fixed domain"),
+        (crease_patch(), TRADITIONAL, "crease, fixed domain"),
+        (crease_patch(), FREE, "crease, optimised domain"),
+    )
+    for row, (patch, settings, name) in enumerate(cases):
+        fitted = fit(patch, settings)
+        page.picture(row, 0, surface(patch.domain, patch.values, patch, BLUE), f"{name}: input")
+        page.domain(row, 1, fitted.domain, patch.triangles, "domain")
+        chosen_functions(page, row, 2, fitted, f"{(fitted.support >= 0).sum()} of {fitted.dictionary.size} functions")
+        page.picture(row, 3, surface(patch.domain, fitted.values, patch, CYAN), f"result, rms {fitted.final_rms:.1e}")
+        notebook.write("figure 1", {name: rounded(fitted.final_rms)})
+    page.save("figure_01")
+
+
+def figure_2(notebook: Notebook) -> None:
+    """A crease f as composition of a smooth function h with a piecewise linear domain transformation."""
+    patch = crease_patch()
+    page = Page(2, 4)
+    for row, (name, settings) in enumerate({"paper, rho 1, f = b, beta per vertex": FREE, "default": DEFAULT}.items()):
+        fitted = fit(patch, settings)
+        page.picture(row, 0, surface(patch.domain, fitted.values, patch, CYAN), f"{name}:\nf = h o Phi over U0")
+        page.domain(row, 1, fitted.start, patch.triangles, "U0")
+        page.domain(row, 2, fitted.domain, patch.triangles, f"U = Phi(U0), {fitted.flips} flips")
+        page.picture(row, 3, surface(fitted.domain, fitted.values, patch, YELLOW), "h over U: smooth")
+        notebook.write("figure 2", {name: {"rms": rounded(fitted.final_rms), "flips": fitted.flips}})
+    page.save("figure_02")
+
+
+def figure_3(notebook: Notebook) -> None:
+    """Iterations on the way to a crease."""
+    patch = crease_patch()
+    numbers = [1, 3, 15]
+    page = Page(3, 1 + len(numbers))
+    page.picture(0, 0, surface(patch.domain, patch.values, patch, BLUE), "input")
+    page.domain(1, 0, patch.domain, patch.triangles, "initial domain")
+    for column, (number, fitted) in enumerate(zip(numbers, iterates(patch, FREE, numbers), strict=True), start=1):
+        page.picture(0, column, surface(patch.domain, fitted.values, patch, CYAN), f"iteration {number}")
+        page.domain(1, column, fitted.domain, patch.triangles, f"rms {fitted.final_rms:.1e}")
+        page.picture(2, column, surface(fitted.domain, fitted.values, patch, YELLOW))
+        notebook.write("figure 3", {str(number): rounded(fitted.final_rms)})
+    page.save("figure_03")
+
+
+COMPARED = {
+    "traditional": TRADITIONAL,
+    "paper as printed": PRINTED,
+    "paper, rho 1, f = b": CONVERGING,
+    "paper, also beta per vertex": FREE,
+    "default": DEFAULT,
+}
+
+
+def figure_4(notebook: Notebook) -> None:
+    """Every method on a smooth patch and on a crease."""
+    page = Page(4, 1 + len(COMPARED))
+    for block, (kind, patch) in enumerate((("smooth", smooth_patch()), ("crease", crease_patch()))):
+        fits = {name: fit(patch, settings) for name, settings in COMPARED.items()}
+        largest = float(np.percentile(fits["traditional"].error, 99))
+        page.picture(2 * block, 0, surface(patch.domain, patch.values, patch, BLUE), f"{kind}: input")
+        page.domain(2 * block + 1, 0, patch.domain, patch.triangles, "initial domain")
+        for column, (name, fitted) in enumerate(fits.items(), start=1):
+            page.picture(2 * block, column, surface(patch.domain, fitted.values, patch, CYAN), name)
+            title = f"rms {fitted.final_rms:.1e}"
+            page.error_map(2 * block + 1, column, patch.domain, patch.triangles, fitted.error, largest, title)
+            entry = {"rms": rounded(fitted.final_rms), "seconds": rounded(fitted.seconds), "flips": fitted.flips}
+            notebook.write("figure 4", {f"{kind} {name}": entry})
+    page.save("figure_04")
+
+
+def figure_5(notebook: Notebook) -> None:
+    """Energy and misfit after each iteration, and the time it takes."""
+    page = Page(2, 2, width=3.6, height=2.3)
+    for row, (kind, patch) in enumerate((("smooth", smooth_patch()), ("crease", crease_patch()))):
+        energy = page.chart(row, 0, f"{kind}: energy (eq. 3)")
+        misfit = page.chart(row, 1, f"{kind}: rms of the misfit")
+        for name, settings in COMPARED.items():
+            fitted = fit(patch, settings)
+            steps = np.arange(1, len(fitted.energy) + 1)
+            style = {"linestyle": "--", "marker": "o" if len(steps) == 1 else ".", "markersize": 4}
+            energy.semilogy(steps, fitted.energy, linewidth=1, **style)
+            misfit.semilogy(steps, fitted.rms, linewidth=1, label=name, **style)
+            if len(fitted.energy) > 1:
+                entry = {"energy": [rounded(e) for e in fitted.energy], "seconds": rounded(fitted.seconds)}
+                notebook.write("figure 5", {f"{kind} {name}": entry})
+        for panel in (energy, misfit):
+            panel.set_xlabel("iteration", labelpad=1)
+            panel.grid(linewidth=0.3, alpha=0.6)
+            panel.spines[["top", "right"]].set_visible(False)
+    labels = misfit.get_legend_handles_labels()
+    page.figure.legend(*labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+    page.save("figure_05")
+
+
+@cache
+def cylinder(settings: Settings) -> Approximation:
+    return approximate(*PAPER_MODELS[2].load(), settings)
+
+
+def creased_patch_of(surface: Representation) -> int:
+    """Return the patch that bends most about the middle: the one whose normals differ most."""
+    scores = []
+    for patch in range(surface.patches):
+        points = surface.vertices[surface.patch_vertices[slice(*surface.vertex_offsets[patch : patch + 2])]]
+        values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        scores.append(values[2] / values[0])
+    return int(np.argmax(scores))
+
+
+def patch_parts(surface: Representation, patch: int) -> tuple[slice, Array, NDArray[np.int64]]:
+    """Return where a patch's vertices stand, its input points (m, 3) and its triangles."""
+    vertices = slice(*surface.vertex_offsets[patch : patch + 2])
+    triangles = surface.patch_triangles[slice(*surface.triangle_offsets[patch : patch + 2])]
+    return vertices, surface.vertices[surface.patch_vertices[vertices]], triangles
+
+
+def facing(points: Array) -> View:
+    """Look at a patch from outside of the model, which is centred at its own middle, and from above."""
+    out = points.mean(axis=0) - 0.5 * np.array([1.0, 1.0, 1.0])
+    azimuth = np.degrees(np.arctan2(-out[0], -out[1]))
+    return View(azimuth=float(azimuth) + 25.0, elevation=35.0)
+
+
+DOMAINS = {"lscm": "LSCM", "harmonic": "circle, conformal", "tutte": "circle, Tutte"}
+
+
+def figure_6(notebook: Notebook) -> None:
+    """Three initial domains lead to close results."""
+    page = Page(3, 5)
+    base = replace(CONVERGING, adaptive=False)
+    chosen = creased_patch_of(cylinder(base).representation)
+    for row, (kind, name) in enumerate(DOMAINS.items()):
+        for method, settings in (("converging", base), ("default", replace(DEFAULT, adaptive=False))):
+            result = cylinder(replace(settings, initial_domain=kind))
+            entry = {key: rounded(result.report["relative"][key]) for key in ("surface_rms", "vertex_rms")}
+            notebook.write("figure 6", {f"{method} {kind}": entry})
+        result = cylinder(replace(base, initial_domain=kind))
+        own = result.representation
+        vertices, points, triangles = patch_parts(own, chosen)
+        values = own.at_patch_vertices()[vertices]
+        error = np.linalg.norm(values - points, axis=1)
+        if row == 0:
+            largest = 2.5 * float(np.sqrt(np.mean(error**2)))
+        page.picture(row, 0, shoot([Shown(points, triangles, BLUE)], facing(points)), "input patch")
+        page.domain(row, 1, own.initial_domains[0, vertices], triangles, f"initial: {name}")
+        page.domain(row, 2, own.domains[0, vertices], triangles, "optimised")
+        page.picture(row, 3, shoot([Shown(values, triangles, CYAN)], facing(points), frame=points), "result")
+        page.error_map(row, 4, own.initial_domains[0, vertices], triangles, error, largest, f"max {error.max():.1e}")
+    page.save("figure_06")
+
+
+def figure_7(notebook: Notebook) -> None:
+    """With and without the regularisation of the domain."""
+    patch = crease_patch()
+    cases = {
+        "beta1 = beta2 = 0": replace(CONVERGING, beta1=0.0, beta2=0.0),
+        "beta2 = 0": replace(FREE, beta2=0.0),
+        "beta1 = 0": replace(FREE, beta1=0.0),
+        "beta1 = 0.2, beta2 = 0.1 per vertex": FREE,
+        "beta1 = 0.2, beta2 = 0.1 as printed": CONVERGING,
+        "default": DEFAULT,
+    }
+    page = Page(2, len(cases))
+    for column, (name, settings) in enumerate(cases.items()):
+        fitted = fit(patch, settings)
+        page.domain(0, column, fitted.domain, patch.triangles, f"{name}\n{fitted.flips} flips")
+        page.picture(1, column, surface(patch.domain, fitted.values, patch, CYAN), f"rms {fitted.final_rms:.1e}")
+        notebook.write("figure 7", {name: {"flips": fitted.flips, "rms": rounded(fitted.final_rms)}})
+    page.save("figure_07")
+
+
+def figure_8(notebook: Notebook) -> None:
+    """A geometry patch: x, y and z over one common domain."""
+    result = cylinder(replace(DEFAULT, adaptive=False))
+    own = result.representation
+    patch = creased_patch_of(own)
+    vertices, points, triangles = patch_parts(own, patch)
+    start, domain = own.initial_domains[0, vertices], own.domains[0, vertices]
+    values = own.at_patch_vertices()[vertices]
+    page = Page(2, 5)
+    page.picture(0, 0, shoot([Shown(points, triangles, GREEN)], facing(points)), "input patch")
+    page.domain(1, 0, start, triangles, "initial domain")
+    for d, axis in enumerate("xyz"):
+        heights = (points[:, d] - points[:, d].mean()) * own.scales[patch, 0]
+        fitted = (values[:, d] - points[:, d].mean()) * own.scales[patch, 0]
+        frame = np.concatenate([np.column_stack([start, heights]), np.column_stack([domain, heights])])
+        signal = Shown(np.column_stack([start, heights]), triangles, BLUE)
+        page.picture(0, 1 + d, shoot([signal], VIEW, frame=frame), axis)
+        over_domain = np.column_stack([domain, fitted])
+        page.picture(1, 1 + d, shoot([Shown(over_domain, triangles, YELLOW)], VIEW, frame=frame), f"{axis}: h over U")
+    page.picture(0, 4, shoot([Shown(values, triangles, CYAN)], facing(points), frame=points), "result")
+    page.domain(1, 4, domain, triangles, "common domain U")
+    notebook.write("figure 8", {"rms": rounded(float(np.sqrt(((values - points) ** 2).sum(axis=1).mean())))})
+    page.save("figure_08")
