@@ -96,7 +96,9 @@ def least_squares_pursuit(
 ) -> NDArray[np.int64]:
     """Orthogonal least squares: repeatedly take the function that lowers the residual most, then exchange.
 
-    After the greedy choice each chosen function in turn is taken out and the best one put in its place.
+    After the greedy choice each chosen function in turn is taken out and the best one put in its place.  Where all
+    functions up to some degree together do better than what was so chosen, they are taken instead: a polynomial of low
+    degree is reproduced whatever its domain, which no choice one at a time can promise.
 
     Parameters
     ----------
@@ -113,7 +115,9 @@ def least_squares_pursuit(
     support = _greedy(gram, correlation, sparsity, allowed, None, worth)
     for _ in range(replacements):
         support = _replace_cyclically(gram, correlation, support, allowed)
-    return support
+    better = _or_low_degrees(gram, correlation, support, allowed)
+    # Where the data is noisy the fewest functions count, not the smallest residual.
+    return better if worth is None else np.where((worth > 0.0)[:, None, None], support, better)
 
 
 def _greedy(
@@ -189,6 +193,45 @@ def _replace_cyclically(
     result = support.reshape(-1, sparsity).copy()
     result[active] = chosen.support
     return result.reshape(support.shape)
+
+
+def _or_low_degrees(
+    gram: NDArray[np.float64],
+    correlation: NDArray[np.float64],
+    support: NDArray[np.int64],
+    allowed: NDArray[np.bool_] | None,
+) -> NDArray[np.int64]:
+    """Take all functions up to the highest total degree that has room, where they leave less than those chosen."""
+    sparsity, size = support.shape[-1], correlation.shape[-1]
+    degree = int((np.sqrt(8 * min(sparsity, size) + 1) - 3) / 2)
+    leading = np.arange((degree + 1) * (degree + 2) // 2)
+    low = np.full_like(support, -1)
+    low[..., : len(leading)] = leading
+    if allowed is not None:
+        low[..., : len(leading)][~np.broadcast_to(allowed[:, None, leading], low[..., : len(leading)].shape)] = -1
+    present, _ = _explained(gram, correlation, support)
+    possible, independent = _explained(gram, correlation, low)
+    better = independent & (possible > present * (1.0 + 1e-14))
+    return np.where(better[..., None], low, support)
+
+
+def _explained(
+    gram: NDArray[np.float64], correlation: NDArray[np.float64], support: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Squared length of the signals' projections on the chosen functions, (B, D), and whether these are independent."""
+    some = support >= 0
+    patch = np.arange(len(gram))[:, None, None, None]
+    among = gram[patch, support[..., :, None], support[..., None, :]] * (some[..., :, None] & some[..., None, :])
+    norm = np.sqrt(np.diagonal(among, axis1=-2, axis2=-1))
+    inverse_norm = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0.0)
+    among *= inverse_norm[..., :, None] * inverse_norm[..., None, :]
+    diagonal = np.arange(support.shape[-1])
+    among[..., diagonal, diagonal] = 1.0 + RIDGE
+    factor = np.linalg.cholesky(among)
+    own = np.take_along_axis(correlation, support, axis=-1) * inverse_norm
+    explained: NDArray[np.float64] = (np.linalg.solve(factor, own[..., None])[..., 0] ** 2).sum(axis=-1)
+    pivots = factor[..., diagonal, diagonal] ** 2
+    return explained, (pivots > INDEPENDENT).all(axis=-1)
 
 
 def _regress(

@@ -188,7 +188,14 @@ def _note(trace: Trace, batch: Batch, dictionary: Dictionary, state: State, ener
 
 
 def _solution(state: State, trace: Trace) -> Solution:
-    return Solution(state.domain, state.fit.support, state.fit.coefficients, trace)
+    return Solution(state.domain, state.fit.support, refined_coefficients(state.fit), trace)
+
+
+def refined_coefficients(fit: Fit) -> Array:
+    """The coefficients after one step of iterative refinement, (B, D, s): it takes back what the ridge cost."""
+    share = np.matmul(fit.inverse_factor, np.matmul(fit.functions, fit.residual[..., None]))
+    refined: Array = fit.coefficients + np.matmul(fit.inverse_factor.swapaxes(-1, -2), share)[..., 0]
+    return refined
 
 
 def final_weights(iterations: int, beta1: float, beta2: float) -> tuple[float, float]:

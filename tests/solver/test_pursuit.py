@@ -147,3 +147,23 @@ def test_a_signal_of_zeros_is_no_trouble() -> None:
     functions, signals = random_patch(0)
     support = matching_pursuit(*problem_of(functions, signals * 0.0), 15)[0]
     assert (np.diff(np.sort(support, axis=1), axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_polynomials_of_low_degree_are_found_on_any_points(degree: int) -> None:
+    """A choice one at a time, and exchanges one at a time, miss some of them: a tilted plane on scattered points."""
+    dictionary = Dictionary(8, "legendre")
+    missed = 0
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        functions = dictionary.evaluate(rng.uniform(-1.0, 1.0, (2, 50)) ** 3)
+        low = (degree + 1) * (degree + 2) // 2
+        signals = rng.normal(size=(3, low)) @ functions[:low]
+        problem = problem_of(functions, signals)
+        for chosen, signal in zip(least_squares_pursuit(*problem, 10)[0], signals, strict=True):
+            used = functions[chosen[chosen >= 0]]
+            left = signal - np.linalg.lstsq(used.T, signal, rcond=None)[0] @ used
+            assert np.abs(left).max() < 1e-9 * np.abs(signal).max()
+        greedy = least_squares_pursuit(*problem, 10, worth=np.array([1e-300]))[0]
+        missed += any(not set(range(low)) <= set(chosen) for chosen in greedy)
+    assert missed > 0 or degree > 1
