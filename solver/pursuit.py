@@ -230,8 +230,8 @@ def _explained(
     factor = np.linalg.cholesky(among)
     own = np.take_along_axis(correlation, support, axis=-1) * inverse_norm
     explained: NDArray[np.float64] = (np.linalg.solve(factor, own[..., None])[..., 0] ** 2).sum(axis=-1)
-    pivots = factor[..., diagonal, diagonal] ** 2
-    return explained, (pivots > INDEPENDENT).all(axis=-1)
+    smallest_pivot: NDArray[np.float64] = (factor[..., diagonal, diagonal] ** 2).min(axis=-1)
+    return explained, smallest_pivot > INDEPENDENT
 
 
 def _regress(
