@@ -37,6 +37,10 @@ SIDE = 3
 FLAT = 0.05
 """Directions with less than this share of the largest eigenvalue are not held by planes."""
 
+BENT = 0.03
+"""At a crease a neighbourhood deviates from a quadric by at least this share of the spacing; a smooth bend that few
+points resolve, like that of a small sphere, does not."""
+
 FARTHEST = 1.6
 """How far a point may lie from the crease that it stands for, in spacings."""
 
@@ -100,7 +104,12 @@ def noise_level(points: Array, tree: cKDTree) -> float:
     if count < 10:
         return 0.0
     asked = np.unique(np.linspace(0, len(points) - 1, min(NOISE_SAMPLES, len(points))).astype(np.int64))
-    near = points[tree.query(points[asked], k=count)[1]]
+    deviation = deviation_from_quadric(points[tree.query(points[asked], k=count)[1]])
+    return float(np.quantile(deviation, NOISE_QUANTILE)) / NOISE_AT_QUANTILE
+
+
+def deviation_from_quadric(near: Array) -> Array:
+    """Standard deviation of neighbourhoods (N, n, 3), n > 6, from the quadrics of least squares through them, (N,)."""
     centred = near - near.mean(axis=1, keepdims=True)
     _, axes = np.linalg.eigh(np.matmul(centred.swapaxes(1, 2), centred))
     local = np.matmul(centred, axes[:, :, ::-1])
@@ -110,8 +119,8 @@ def noise_level(points: Array, tree: cKDTree) -> float:
     basis, _ = np.linalg.qr(functions)
     height = local[..., 2]
     left = height - np.matmul(basis, np.matmul(basis.swapaxes(1, 2), height[:, :, None]))[:, :, 0]
-    deviation = np.sqrt((left**2).sum(axis=1) / (count - 6))
-    return float(np.quantile(deviation, NOISE_QUANTILE)) / NOISE_AT_QUANTILE
+    deviation: Array = np.sqrt((left**2).sum(axis=1) / (near.shape[1] - 6))
+    return deviation
 
 
 def one_sided_normals(points: Array, near: Indices) -> Array:
@@ -149,6 +158,9 @@ def crease_points(points: Array, normals: Array, near: Indices, distance: Array,
     on_crease = np.flatnonzero(
         ((agreement < SHARPEST).sum(axis=1) >= SIDE) & ((agreement >= SHARPEST).sum(axis=1) >= SIDE)
     )
+    if len(on_crease) and near.shape[1] > 6:
+        bent = deviation_from_quadric(points[near[on_crease]]) > BENT * spacing
+        on_crease = on_crease[bent]
     if not len(on_crease):
         return np.zeros((0, 3))
     start, around, facing = points[on_crease], points[near[on_crease]], normals[near[on_crease]]

@@ -20,7 +20,7 @@ from .patches import build_patches
 from .pipeline import solve_patches, sweep_patches
 from .progress import Steps
 from .representation import Representation
-from .runaway import LOWEST_DEGREE, SAMPLES, Planes, runaway_patches, tamed
+from .runaway import LOWEST_DEGREE, SAMPLES, Planes, farthest, tamed
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -88,21 +88,35 @@ class CloudSurface:
         return surface
 
     def tame(self, planes: Planes) -> int:
-        """Fit patches that run away between the points anew, with lower degrees; returns how many."""
-        count = 0
+        """Fit patches that run away between the points anew, with lower degrees, and keep the tamest of each; returns
+        how many are other ones than before.
+        """
+        before, degrees = self.fits, self.observations.degrees
+        nearest = away = farthest(np.arange(len(before)), planes, self._sampled)
+        best, best_degrees = list(before), degrees
         for _ in range(TAMING_ROUNDS):
-            degrees = self.observations.degrees
-            wild = runaway_patches(len(self.fits), planes, self._sampled) & (degrees > LOWEST_DEGREE)
+            wild = (away > planes.tolerance) & (degrees > LOWEST_DEGREE)
             if not wild.any():
                 break
-            self.observations = self._observations(self.observed, np.where(wild, tamed(degrees), degrees))
-            chunks = chunk_patches(self.observations, np.flatnonzero(wild), channels_of(self.settings))
-            tasks = (chunk_task(self.observations, self.domains, self.settings, chunk) for chunk in chunks)
-            for task, fitted in self._crew.run(tasks):
-                for patch, fit in zip(task.patches, fitted, strict=True):
-                    self.fits[patch] = fit
-            count += int(wild.sum())
-        return count
+            degrees = np.where(wild, tamed(degrees), degrees)
+            self._fit_again(np.flatnonzero(wild), degrees)
+            away = away.copy()
+            away[wild] = farthest(np.flatnonzero(wild), planes, self._sampled)
+            better = away < nearest
+            nearest, best_degrees = np.where(better, away, nearest), np.where(better, degrees, best_degrees)
+            best = [new if other else old for old, new, other in zip(best, self.fits, better, strict=True)]
+        self.fits, self.observations = best, self._observations(self.observed, best_degrees)
+        return sum(new is not old for old, new in zip(before, best, strict=True))
+
+    def _fit_again(self, patches: NDArray[np.int64], degrees: NDArray[np.int64]) -> None:
+        """Fit some patches by themselves, with other degrees (K,)."""
+        self.fits = list(self.fits)
+        self.observations = self._observations(self.observed, degrees)
+        chunks = chunk_patches(self.observations, patches, channels_of(self.settings))
+        tasks = (chunk_task(self.observations, self.domains, self.settings, chunk) for chunk in chunks)
+        for task, fitted in self._crew.run(tasks):
+            for patch, fit in zip(task.patches, fitted, strict=True):
+                self.fits[patch] = fit
 
     def _sampled(self, patch: int) -> tuple[Array, Array]:
         samples = self.observations.samples_of_patch(patch, SAMPLES)

@@ -17,7 +17,6 @@ from .cloud_geometry import CloudGeometry
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 SPLITS = 5
 PLANES = 6
@@ -47,21 +46,23 @@ class Planes:
         return distance
 
 
-def runaway_patches(count: int, planes: Planes, sampled: Callable[[int], tuple[Array, Array]]) -> Booleans:
-    """Which of `count` patches run away.
+def farthest(patches: Indices, planes: Planes, sampled: Callable[[int], tuple[Array, Array]]) -> Array:
+    """How far each of these patches leaves the planes of the points around it, (n,), scene units; more than
+    `planes.tolerance` is running away.
 
     Parameters
     ----------
+    patches
+        Their numbers, (n,).
     sampled
-        Gives a patch's own surface at samples of its triangles, (n, 3), and its blending weights there, (n,).
+        Gives a patch's own surface at samples of its triangles, (m, 3), and its blending weights there, (m,).
     """
-    pieces = [sampled(patch) for patch in range(count)]
-    owner = np.repeat(np.arange(count), [len(blending) for _, blending in pieces])
+    pieces = [sampled(int(patch)) for patch in patches]
     away = planes.distance(np.concatenate([points for points, _ in pieces]))
     # at its rim a patch has no weight, but what is far off there is off beside it too
     away *= np.concatenate([blending for _, blending in pieces]) + PLATEAU
-    result = np.zeros(count, dtype=bool)
-    result[owner[away > planes.tolerance]] = True
+    starts = np.cumsum([0, *(len(blending) for _, blending in pieces[:-1])])
+    result: Array = np.maximum.reduceat(away, starts)
     return result
 
 

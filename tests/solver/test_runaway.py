@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from sparse_surface.solver.cloud_geometry import analyse
 from sparse_surface.solver.cloud_models import ball, box
-from sparse_surface.solver.runaway import Planes, runaway_patches, tamed, triangle_grid
+from sparse_surface.solver.runaway import Planes, farthest, tamed, triangle_grid
 
 
 def test_planes_are_near_the_surface_and_far_from_what_is_off_it() -> None:
@@ -32,7 +32,9 @@ def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
         # a patch without any weight may be a little off
         return {0: on_surface, 1: off, 2: 1.05 * on_surface}[patch], weight
 
-    np.testing.assert_array_equal(runaway_patches(3, planes, sampled), [False, True, False])
+    away = farthest(np.arange(3), planes, sampled)
+    np.testing.assert_array_equal(away > planes.tolerance, [False, True, False])
+    np.testing.assert_array_equal(farthest(np.array([2, 1]), planes, sampled), away[[2, 1]])
 
 
 def test_degrees_fall_to_the_lowest() -> None:
