@@ -167,7 +167,7 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: fl
             break
         noise_level, relative, fraction = noise_level / 2, relative / 2, end
     held = (moved == noisy).all(axis=1)
-    return np.where(held[:, None], mesh.vertices, moved * scale + centre), noise_level * scale
+    return np.where(held[:, None], mesh.vertices, moved * scale + centre), asked * 0.5**step
 
 
 def _pass(surface: Surface, noisy: Floats, noise_level: float, relative: float) -> Steps[tuple[Floats, Floats]]:

@@ -1,0 +1,478 @@
+"""Denoising: how close it comes to the clean mesh, what it leaves alone, each step against something independent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from noisy import Array, Indices, diagonal, distance_from_clean, face_normals, halved, with_noise
+from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, models
+from sparse_surface.solver.denoising import denoise, denoise_steps
+from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
+from sparse_surface.solver.denoising.normal_filter import filter_normals
+from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule, quadratic_terms
+from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
+from sparse_surface.solver.denoising.surface import build_surface
+from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
+from sparse_surface.solver.mesh import build_mesh
+
+CLEAN = (
+    "cube",
+    "cube98",
+    "cubetorus",
+    "cylinder",
+    "finger",
+    "flower",
+    "klein_bottle",
+    "l_solid",
+    "lens",
+    "moebius",
+    "pole",
+    "sphere",
+    "tetrahedron",
+    "thin_torus",
+    "tube",
+)
+
+
+def bumpy_plane(side: int = 24, level: float = 0.0, seed: int = 0) -> tuple[Array, Indices]:
+    """Return a square grid of triangles with jittered vertices and Gaussian noise of the given level across it."""
+    rng = np.random.default_rng(seed)
+    row, column = np.divmod(np.arange(side * side), side)
+    inner = (row % (side - 1) > 0) & (column % (side - 1) > 0)
+    at = np.column_stack([row, column]) + np.where(inner[:, None], rng.uniform(-0.2, 0.2, (side * side, 2)), 0.0)
+    number = np.arange(side * side).reshape(side, side)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    return np.column_stack([at, level * rng.normal(size=side * side)]), halved(quads)
+
+
+# ------------------------------------------------------------------------------------------------ how close it comes
+
+
+@pytest.mark.parametrize("seed", [101, 102, 103])
+def test_a_noisy_cube_gets_its_sides_and_edges_back(seed: int) -> None:
+    vertices, faces = models.cube()
+    denoised = denoise(with_noise(vertices, faces, 3e-3, seed), faces)
+    rms, degrees = distance_from_clean(vertices, faces, denoised.vertices)
+    assert rms <= 1.1e-3
+    assert degrees <= 0.5
+
+
+def test_a_noisy_sphere_is_round_again() -> None:
+    vertices, faces = models.sphere()
+    noisy = with_noise(vertices, faces, 2e-3, 5)
+    denoised = denoise(noisy, faces)
+    before, after = (np.linalg.norm(points, axis=1) - 1.0 for points in (noisy, denoised.vertices))
+    assert np.std(after) < 0.35 * np.std(before)
+    assert abs(after.mean()) < 0.1 * np.std(before)  # it has not shrunk
+
+
+FANDISK = [
+    (1e-3, False, 5.5e-4, 0.95),
+    (3e-3, False, 1.3e-3, 1.9),
+    (1e-2, False, 4.2e-3, 7.5),
+    (3e-3, True, 3.6e-3, 1.6),
+]
+BUNNY = [(1e-3, 8e-4, 5.4), (3e-3, 1.65e-3, 7.2)]
+
+
+def test_fandisk_keeps_its_creases(load_model) -> None:
+    vertices, faces = load_model("fandisk.obj")
+    denoised = denoise(with_noise(vertices, faces, 3e-3, 104), faces)
+    rms, degrees = distance_from_clean(vertices, faces, denoised.vertices)
+    assert rms <= 1.3e-3
+    assert degrees <= 1.9
+    assert denoised.noise_level == pytest.approx(3e-3 * diagonal(vertices), rel=0.05)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [201, 202])
+@pytest.mark.parametrize(("share", "isotropic", "most", "most_degrees"), FANDISK)
+def test_fandisk_at_every_level(load_model, share, isotropic, most, most_degrees, seed) -> None:
+    vertices, faces = load_model("fandisk.obj")
+    noisy = with_noise(vertices, faces, share, seed, isotropic=isotropic)
+    rms, degrees = distance_from_clean(vertices, faces, denoise(noisy, faces).vertices)
+    assert rms <= most
+    assert degrees <= most_degrees
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("share", "most", "most_degrees"), BUNNY)
+def test_bunny_keeps_its_fur(load_model, share, most, most_degrees) -> None:
+    vertices, faces = load_model("stanford-bunny.ply")
+    noisy = with_noise(vertices, faces, share, 203)
+    rms, degrees = distance_from_clean(vertices, faces, denoise(noisy, faces).vertices)
+    assert rms <= most
+    assert degrees <= most_degrees
+
+
+# -------------------------------------------------------------------------------------------------- what is left alone
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, np.float64) for name in CLEAN] + [("sphere", np.float32)])
+def test_a_clean_mesh_comes_back_bit_for_bit(name: str, kind: type) -> None:
+    vertices, faces = getattr(models, name)()
+    given_vertices = np.asarray(vertices, dtype=kind)
+    denoised = denoise(given_vertices, faces)
+    assert denoised.vertices.dtype == kind
+    assert denoised.vertices.tobytes() == given_vertices.tobytes()
+    assert denoised.noise_level == denoised.relative_noise == 0.0
+    assert not denoised.displacement.any()
+
+
+@pytest.mark.parametrize("name", ["fandisk.obj", "rocker-arm.obj", "teapot.obj", "beetle.obj"])
+def test_real_models_come_back_bit_for_bit(load_model, name: str) -> None:
+    vertices, faces = load_model(name)
+    np.testing.assert_array_equal(denoise(vertices, faces).vertices, vertices)
+
+
+@pytest.mark.long
+def test_the_bunny_comes_back_bit_for_bit(load_model) -> None:
+    vertices, faces = load_model("stanford-bunny.ply")
+    np.testing.assert_array_equal(denoise(vertices, faces).vertices, vertices)
+
+
+def test_the_given_arrays_are_not_changed() -> None:
+    vertices, faces = models.cube()
+    noisy = with_noise(vertices, faces, 3e-3, 1)
+    before = noisy.copy()
+    denoise(noisy, faces)
+    np.testing.assert_array_equal(noisy, before)
+    clean = denoise(vertices, faces).vertices
+    assert clean is not vertices
+    assert not np.shares_memory(clean, vertices)
+
+
+# ---------------------------------------------------------------------------------------------------- the noise level
+
+
+@pytest.mark.parametrize("name", ["cube", "sphere", "flower", "l_solid"])
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_the_noise_level_is_told_from_the_mesh(name: str, share: float) -> None:
+    """In shares of the mean edge length, against the level that was put on."""
+    vertices, faces = getattr(models, name)()
+    mesh = build_mesh(vertices, faces)
+    level = share * mean_edge_length(mesh)
+    mesh = build_mesh(with_noise(vertices, faces, level / diagonal(vertices), 11), faces)
+    assert estimate_noise_level(mesh, build_surface(mesh)).level == pytest.approx(level, rel=0.15)
+
+
+def test_noise_on_a_plane_is_measured_exactly_in_the_mean() -> None:
+    """Any function that the Laplacians leave is noise there: the estimate is a standard deviation."""
+    levels = []
+    for seed in range(8):
+        mesh = build_mesh(*bumpy_plane(level=0.1, seed=seed))
+        levels.append(estimate_noise_level(mesh, build_surface(mesh)).level)
+    assert np.mean(levels) == pytest.approx(0.1, rel=0.05)
+
+
+def test_the_mean_edge_length_counts_each_edge_once() -> None:
+    vertices, faces = models.tetrahedron()
+    pairs = [vertices[i] - vertices[j] for i in range(4) for j in range(i)]
+    assert mean_edge_length(build_mesh(vertices, faces)) == pytest.approx(np.linalg.norm(pairs, axis=1).mean())
+
+
+# --------------------------------------------------------------------------------------------- settings and behaviour
+
+
+def noisy_cube(seed: int = 7) -> tuple[Array, Indices]:
+    vertices, faces = models.cube()
+    return with_noise(vertices, faces, 3e-3, seed), faces
+
+
+def test_nothing_moves_at_strength_zero_and_more_at_more_strength() -> None:
+    noisy, faces = noisy_cube()
+    np.testing.assert_array_equal(denoise(noisy, faces, strength=0.0).vertices, noisy)
+    moved = [np.sqrt(np.mean(denoise(noisy, faces, strength=s).displacement ** 2)) for s in (0.3, 0.6, 1.0)]
+    assert 0.0 < moved[0] < moved[1] < moved[2]
+
+
+def test_a_level_of_ones_own_is_used() -> None:
+    noisy, faces = noisy_cube()
+    own = denoise(noisy, faces, noise_level=0.004)
+    assert own.noise_level == 0.004
+    assert own.estimated_noise_level == denoise(noisy, faces).estimated_noise_level
+    edge = mean_edge_length(build_mesh(noisy, faces))
+    assert own.relative_noise == pytest.approx(0.004 / edge)
+    twice = denoise(noisy, faces, noise_level=0.002, strength=2.0)
+    np.testing.assert_array_equal(twice.vertices, own.vertices)
+
+
+def test_a_level_can_be_given_for_a_mesh_too_small_to_tell() -> None:
+    vertices, faces = models.cube(4)
+    noisy = with_noise(vertices, faces, 1e-2, 3)
+    assert denoise(noisy, faces).noise_level == 0.0
+    given_level = denoise(noisy, faces, noise_level=1e-2 * diagonal(vertices))
+    assert given_level.displacement.max() > 0.0
+    assert (
+        distance_from_clean(vertices, faces, given_level.vertices)[0] < distance_from_clean(vertices, faces, noisy)[0]
+    )
+
+
+def test_the_displacement_is_what_moved_and_is_limited() -> None:
+    noisy, faces = noisy_cube()
+    denoised = denoise(noisy, faces)
+    np.testing.assert_allclose(denoised.displacement, np.linalg.norm(denoised.vertices - noisy, axis=1), atol=1e-15)
+    assert denoised.displacement.max() <= 3.5 * denoised.noise_level * (1 + 1e-9)
+
+
+def test_same_input_same_bytes() -> None:
+    noisy, faces = noisy_cube()
+    assert denoise(noisy, faces).vertices.tobytes() == denoise(noisy, faces).vertices.tobytes()
+
+
+def test_place_scale_and_turn_do_not_matter() -> None:
+    noisy, faces = noisy_cube()
+    turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    here = denoise(noisy, faces)
+    there = denoise(1e3 * noisy @ turn + 50.0, faces)
+    np.testing.assert_allclose(there.noise_level, 1e3 * here.noise_level, rtol=1e-6)
+    np.testing.assert_allclose((there.vertices - 50.0) @ turn.T / 1e3, here.vertices, atol=1e-6)
+
+
+def test_turned_triangles_do_not_matter() -> None:
+    noisy, faces = noisy_cube()
+    triangles = halved(faces)
+    mixed = triangles.copy()
+    turned = np.random.default_rng(4).random(len(mixed)) < 0.5
+    mixed[turned] = mixed[turned, ::-1]
+    np.testing.assert_allclose(denoise(noisy, mixed).vertices, denoise(noisy, triangles).vertices, atol=1e-9)
+
+
+def test_open_borders_loose_vertices_and_folds_are_no_problem() -> None:
+    vertices, triangles = bumpy_plane(20, 0.1, 1)
+    extra = np.array([[30.0, 3.0, 2.0], [5.0, 5.0, 4.0]])
+    fin = [[5 * 20 + 5, 5 * 20 + 6, len(vertices) + 1]]  # a third triangle at an edge
+    everything = np.concatenate([vertices, extra])
+    denoised = denoise(everything, np.concatenate([triangles, fin]))
+    assert np.isfinite(denoised.vertices).all()
+    np.testing.assert_array_equal(denoised.vertices[-2], extra[0])
+    assert np.std(denoised.vertices[:-2, 2]) < 0.5 * np.std(vertices[:, 2])
+
+
+def test_quads_are_denoised_like_their_triangles() -> None:
+    noisy, faces = noisy_cube()
+    assert faces.shape[1] == 4
+    corners = halved(faces)
+    known = (corners, np.tile(np.arange(len(faces)), 2))
+    np.testing.assert_array_equal(denoise(noisy, faces, triangles=known).vertices, denoise(noisy, corners).vertices)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"noise_level": -1.0},
+        {"noise_level": float("nan")},
+        {"noise_level": float("inf")},
+        {"noise_level": True},
+        {"strength": -0.1},
+        {"strength": 11.0},
+        {"strength": "much"},
+    ],
+    ids=str,
+)
+def test_wrong_settings_are_refused(wrong) -> None:
+    noisy, faces = models.cube(4)
+    with pytest.raises(SettingsError, match=r"^The (noise level|strength) must be [^\n]*\.$"):
+        denoise(noisy, faces, **wrong)
+
+
+def test_what_is_no_mesh_is_refused() -> None:
+    vertices, faces = models.cube(4)
+    with pytest.raises(InputError):
+        denoise(vertices * np.nan, faces)
+    with pytest.raises(InputError):
+        denoise(vertices, faces + len(vertices))
+
+
+def test_progress_ascends_and_work_can_be_stopped() -> None:
+    noisy, faces = noisy_cube()
+    told: list[Progress] = []
+    denoise(noisy, faces, report=lambda step: told.append(step))
+    fractions = [step.fraction for step in told]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] < fractions[-1] <= 1.0
+    steps = denoise_steps(noisy, faces)
+    next(steps)
+    next(steps)
+    steps.close()
+
+
+def test_asked_to_finish_it_makes_do_with_less() -> None:
+    vertices, faces = models.sphere()
+    noisy = with_noise(vertices, faces, 2e-3, 5)
+    told, hurriedly = [], []
+    denoised = denoise(noisy, faces, report=lambda step: told.append(step.fraction))
+    hurried = denoise(noisy, faces, report=lambda step: hurriedly.append(step.fraction) or FINISH)
+    assert len(hurriedly) < 0.7 * len(told)
+    before, after, best = (
+        distance_from_clean(vertices, faces, v)[0] for v in (noisy, hurried.vertices, denoised.vertices)
+    )
+    assert best <= after < 0.6 * before
+
+
+@settings(max_examples=15)
+@given(
+    level=st.floats(0.0, 0.6),
+    seed=st.integers(0, 2**31),
+    scale=st.sampled_from([1e-6, 1.0, 1e6]),
+    strength=st.floats(0.0, 10.0),
+)
+def test_whatever_the_noise_moves_are_finite_and_limited(
+    level: float, seed: int, scale: float, strength: float
+) -> None:
+    vertices, faces = bumpy_plane(18, level, seed)
+    denoised = denoise(vertices * scale, faces, strength=strength)
+    assert np.isfinite(denoised.vertices).all()
+    assert (denoised.displacement <= 3.5 * denoised.noise_level * (1 + 1e-6) + 1e-12 * scale).all()
+
+
+# ------------------------------------------------------------------------------------------------------ single steps
+
+
+def test_the_filter_is_the_sum_over_all_neighbours() -> None:
+    """One triangle at a time, with every neighbour's weight written out."""
+    vertices, faces = bumpy_plane(6, 0.1, 3)
+    mesh = build_mesh(vertices, faces)
+    surface = build_surface(mesh)
+    level = 0.1
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals, area = face_normals(vertices, faces), 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    around = [np.flatnonzero([len(set(f) & set(g)) > 0 and f is not g for g in faces]) for f in faces]
+    around = [others[others != n] for n, others in enumerate(around)]
+    centre = vertices[faces].mean(axis=1)
+    spread = [np.linalg.norm(centre[others] - centre[n], axis=1).mean() for n, others in enumerate(around)]
+    sides = ((a - b) ** 2 + (b - c) ** 2 + (c - a) ** 2).sum(axis=1)
+    turn = 0.5 * np.log(sides / (2 * area) ** 2)
+    turn = level * np.exp([np.mean(turn[[n, *others]]) for n, others in enumerate(around)])
+    size = np.sqrt(area / area.mean())
+    for iteration in range(3):
+        result = np.empty_like(normals)
+        for n, others in enumerate(around):
+            total = size[n] * normals[n]
+            for m in others:
+                width = np.clip(1.2 * np.hypot(turn[n], turn[m]), 0.1, 0.9) * 0.85**iteration
+                near = np.exp(-np.sum((centre[n] - centre[m]) ** 2) / (2 * spread[n] * spread[m]))
+                alike = np.exp(-np.sum((normals[n] - normals[m]) ** 2) / (2 * width**2))
+                total = total + near * alike * size[m] * normals[m]
+            result[n] = total / np.linalg.norm(total)
+        normals = result
+    np.testing.assert_allclose(filter_normals(surface, vertices, level), normals, atol=1e-10)
+
+
+def test_no_patch_crosses_a_crease() -> None:
+    """On a cube every patch stays on the side of its seed, and is connected."""
+    vertices, faces = models.cube(8)
+    mesh = build_mesh(vertices, halved(faces))
+    surface = build_surface(mesh)
+    normals = face_normals(vertices, surface.triangles)
+    seeds = np.arange(0, len(normals), 29)
+    neighbours = agreeing_neighbours(surface.neighbours, normals, 0.8)
+    growing = GrowingPatches(neighbours, normals, seeds, 0.7, Claims(len(seeds), len(normals)))
+    everyone = np.ones(len(seeds), dtype=bool)
+    for limit in (14, 40, 1000):
+        growing.grow(limit, everyone)
+        rows, triangles = growing.members(everyone)
+        np.testing.assert_array_equal(np.bincount(rows), growing.sizes)
+        assert (growing.sizes <= limit).all()
+        for row, seed in enumerate(seeds):
+            members = triangles[rows == row]
+            assert len(set(members)) == len(members)
+            assert np.einsum("nc,c->n", normals[members], normals[seed]).min() > 0.99
+            reached, front = {seed}, {seed}
+            while front:
+                front = (set(neighbours[list(front)].ravel()) & set(members)) - reached
+                reached |= front
+            assert reached == set(members)
+    side = np.bincount(np.abs(normals).argmax(axis=1) * 2 + (normals.sum(axis=1) > 0))
+    assert (growing.sizes == side[0]).all()  # all of its side, in the end
+
+
+def test_a_patch_is_the_weighted_least_squares_quadratic() -> None:
+    """Against numpy's least squares with the weights that the patch itself gives."""
+    vertices, faces = bumpy_plane(24, 0.0, 2)
+    rng = np.random.default_rng(1)
+    vertices[:, 2] = 2e-2 * (vertices[:, 0] - 11) ** 2 - 1e-2 * vertices[:, 0] * vertices[:, 1] / 2
+    vertices[:, 2] += rng.normal(0.0, 0.01, len(vertices))
+    surface = build_surface(build_mesh(vertices, faces))
+    rule = PatchRule((60,), normal_width=0.3, largest_change=4.0, caution=1.0, misfit_power=1.0)
+    guide = filter_normals(surface, vertices, 0.01)
+    (fits,) = list(PatchFitter(surface, vertices, guide, 0.01, rule).fits(np.array([300, 500])))
+    terms = quadratic_terms(fits.at_vertex)
+    for patch in range(len(fits)):
+        present = fits.vertices[patch] >= 0
+        root = np.sqrt(fits.vertex_weights[patch, present])
+        heights = fits.residuals[patch, present] + terms[patch][:, present].T @ fits.coefficients[patch]
+        design = terms[patch][:, present].T * root[:, None]
+        expected = np.linalg.lstsq(design, root * heights, rcond=None)[0]
+        np.testing.assert_allclose(fits.coefficients[patch], expected, rtol=2e-2, atol=5e-4)
+        np.testing.assert_allclose(fits.gram[patch], design.T @ design, rtol=1e-9, atol=1e-12)
+        local = (
+            vertices[fits.vertices[patch, present]] - vertices[faces[[300, 500][patch]]].mean(axis=0)
+        ) @ fits.frames[patch]
+        np.testing.assert_allclose(heights, local[:, 2], atol=1e-12)
+        np.testing.assert_allclose(fits.lengths[patch] * fits.at_vertex[patch][:, present].T, local[:, :2], atol=1e-12)
+
+
+def test_the_spread_of_a_fit_is_that_of_many() -> None:
+    """The variance that a patch states is what its heights vary by, from noise to noise."""
+    flat, faces = bumpy_plane(16, 0.0, 2)
+    surface = build_surface(build_mesh(flat, faces))
+    guide = np.tile([0.0, 0.0, 1.0], (len(faces), 1)) * np.sign(face_normals(flat, surface.triangles)[:, 2:])
+    rule = PatchRule((60,), normal_width=5.0, largest_change=4.0, caution=1.0, misfit_power=1.0)
+    rng = np.random.default_rng(9)
+    heights, stated = [], []
+    for _ in range(200):
+        vertices = flat.copy()
+        # Bent, so that nothing of the curvature is shrunk; the noise small, so that no weight falls.
+        vertices[:, 2] = 0.1 * (flat[:, 0] - 7.5) ** 2 + rng.normal(0.0, 1e-3, len(flat))
+        fitter = PatchFitter(surface, vertices, guide, 1e-3 * 30, rule)
+        (fits,) = list(fitter.fits(np.array([200])))
+        at = np.zeros((1, 2, 1))
+        seed_height = vertices[surface.triangles[200]].mean(axis=0)[2]
+        heights.append(seed_height * np.sign(guide[200, 2]) + fits.coefficients[0, 0])
+        stated.append(fits.spread(at)[0, 0])
+    assert np.std(heights) == pytest.approx(1e-3 * np.sqrt(np.mean(stated)), rel=0.25)
+
+
+def test_vertices_move_to_where_their_planes_meet() -> None:
+    """A corner's three planes, an edge's two and a side's one, each a little off."""
+    planes = {0: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], 1: [[1, 0, 0], [0, 1, 0]], 2: [[0, 0, 1]]}
+    offsets = np.array([0.01, -0.02, 0.015])
+    matrices, targets = np.zeros((4, 3, 3)), np.zeros((4, 3))
+    directions = np.zeros((4, 3))
+    for vertex, normals in planes.items():
+        n = np.array(normals, dtype=float)
+        d = n @ offsets
+        matrices[vertex], targets[vertex] = n.T @ n / len(n), n.T @ d / len(n)
+        directions[vertex] = n.sum(axis=0) / np.linalg.norm(n.sum(axis=0))
+    directions[3] = [0.0, 0.0, 1.0]
+    moved = move_to_planes(np.zeros((4, 3)), (matrices, targets, np.array([1.0, 1, 1, 0])), directions, 1.0)
+    for vertex in planes:
+        across = np.eye(3) - np.outer(directions[vertex], directions[vertex])
+        resistance = 0.15 * across + 1e-3 * np.eye(3)
+        # the minimum of the quadratic, by its gradient
+        gradient = matrices[vertex] @ moved[vertex] - targets[vertex] + resistance @ moved[vertex]
+        np.testing.assert_allclose(gradient, 0.0, atol=1e-15)
+    np.testing.assert_allclose(moved[2], [0.0, 0.0, 0.015], rtol=2e-3)
+    np.testing.assert_array_equal(moved[3], 0.0)
+    limited = move_to_planes(np.zeros((4, 3)), (matrices, 100 * targets, np.array([1.0, 1, 1, 0])), directions, 0.01)
+    assert np.linalg.norm(limited, axis=1).max() == pytest.approx(0.035)
+
+
+def test_vertices_that_no_patch_reached_follow_their_neighbours() -> None:
+    vertices, faces = bumpy_plane(8, 0.0, 2)
+    bumpy = vertices.copy()
+    middle = 3 * 8 + 4
+    bumpy[middle, 2] = 0.2
+    surface = build_surface(build_mesh(bumpy, faces))
+    known = np.arange(len(vertices)) != middle
+    normals = np.tile([0.0, 0.0, 1.0], (len(faces), 1))
+    filled = fill_in(bumpy, bumpy, known, surface, normals, 1.0)
+    np.testing.assert_array_equal(filled[known], bumpy[known])
+    assert abs(filled[middle, 2]) < 0.01
+    np.testing.assert_allclose(filled[middle, :2], bumpy[middle, :2], atol=1e-12)
+    held = fill_in(bumpy, bumpy, known, surface, normals, 0.05)
+    assert held[middle, 2] == pytest.approx(0.15)
