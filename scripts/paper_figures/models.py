@@ -29,6 +29,8 @@ class PaperModel:
         Whether it stands among the models with creases (Fig. 11).
     vertices, patches, minutes
         Printed in Table 1.
+    methods
+        Names of the runs in `measurements.METHODS`: fewer on the largest model, which takes an hour otherwise.
     """
 
     name: str
@@ -37,6 +39,7 @@ class PaperModel:
     vertices: int
     patches: int
     minutes: float
+    methods: tuple[str, ...] = ("traditional", "printed", "settling", "freer", "default")
 
     @property
     def key(self) -> str:
@@ -63,7 +66,7 @@ PAPER_MODELS = (
     PaperModel("Cylinder", "cylinder", True, 2732, 39, 1.63),
     PaperModel("Fandisk", "fandisk.obj", True, 6475, 88, 4.5),
     PaperModel("Flower", "flower", True, 7919, 97, 5.01),
-    PaperModel("Bird", "detailed", False, 55955, 882, 27.8),
+    PaperModel("Bird", "detailed", False, 55955, 882, 27.8, ("traditional", "printed", "default")),
     PaperModel("Bunny", "stanford-bunny.ply", False, 35947, 551, 19.1),
 )
 

@@ -8,18 +8,17 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap
-from measurements import FIGURES
 from numpy.typing import NDArray
 from PIL import Image
 from sparse_surface.operators.colour_ramp import linear_to_srgb, ramp
 
+from .measurements import FIGURES
+
 Array = NDArray[np.float64]
 
 HEAT = ListedColormap(np.clip(linear_to_srgb(ramp()), 0.0, 1.0), name="error")
-COLOURS = 128
-"""A PNG file of so many colours is a third of the size, and looks the same."""
-
 plt.rcParams.update({"font.size": 8, "axes.titlesize": 8, "font.family": "DejaVu Sans", "svg.hashsalt": "figures"})
 
 
@@ -44,9 +43,11 @@ class Page:
         panel = self.axes[row, column]
         a, b, c = (points[triangles[:, k]] for k in range(3))
         flipped = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) < 0.0
-        colours = ListedColormap([(0.95, 0.86, 0.72), (0.85, 0.15, 0.1)])
-        panel.tripcolor(*points.T, triangles, facecolors=flipped.astype(float), cmap=colours, vmin=0, vmax=1)
+        buff = ListedColormap([(0.95, 0.86, 0.72)])
+        panel.tripcolor(*points.T, triangles, facecolors=np.zeros(len(triangles)), cmap=buff)
         panel.triplot(*points.T, triangles, color=(0.35, 0.25, 0.15), linewidth=0.25)
+        red = (0.85, 0.1, 0.05)
+        panel.add_collection(PolyCollection(points[triangles[flipped]], facecolor=red, edgecolor=red, linewidth=0.5))
         self._fit(panel, points, title)
 
     def error_map(
@@ -87,14 +88,13 @@ class Page:
         panel.set_title(title)
 
     def save(self, name: str) -> Path:
-        """Write docs/figures/NAME.png with few colours and no date, beside its place and then into it."""
+        """Write docs/figures/NAME.png without a date, beside its place and then into it."""
         FIGURES.mkdir(parents=True, exist_ok=True)
         drawn = io.BytesIO()
         self.figure.savefig(drawn, format="png", dpi=110, facecolor="white")
         plt.close(self.figure)
         path = FIGURES / f"{name}.png"
         partial = path.with_name(f".{name}.partial.png")
-        few = Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-        few.save(partial, optimize=True)
+        Image.open(drawn).convert("RGB").save(partial, optimize=True)
         partial.replace(path)
         return path

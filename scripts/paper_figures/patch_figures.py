@@ -6,31 +6,26 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from measurements import CONVERGING, FREER, PRINTED, Notebook, rounded
-from models import PAPER_MODELS
 from numpy.typing import NDArray
-from page import Page
-from scalar import Fitted, Patch, bent_crease, fit, grid_patch, iterates, smooth
-from shots import BLUE, CYAN, GREEN, YELLOW, Shown, View, shoot
 from sparse_surface.solver import Approximation, Representation, Settings, approximate
+
+from .measurements import FREER, PRINTED, SETTLING, STEPWISE, Notebook, rounded, unit
+from .models import PAPER_MODELS
+from .page import Page
+from .scalar import Fitted, Patch, bent_crease, fit, grid_patch, iterates, smooth
+from .shots import BLUE, CYAN, GREEN, YELLOW, Shown, View, shoot
 
 Array = NDArray[np.float64]
 
 VIEW = View(azimuth=-40.0, elevation=38.0)
 FREE = replace(FREER, observations="vertices")
-"""The paper's iteration with rho = 1, f = b and beta per vertex, on vertices alone: what settles on scalar data."""
+"""Beta per vertex, on vertices alone as in the paper."""
 
 TRADITIONAL, DEFAULT = Settings(method="traditional"), Settings()
 
 
-@cache
-def crease_patch() -> Patch:
-    return grid_patch(bent_crease)
-
-
-@cache
-def smooth_patch() -> Patch:
-    return grid_patch(smooth)
+SMOOTH, CREASE = grid_patch(smooth), grid_patch(bent_crease)
+PATCHES = {"smooth": SMOOTH, "crease": CREASE}
 
 
 def surface(points: Array, values: Array, patch: Patch, colour: tuple[float, float, float]) -> Array:
@@ -64,9 +59,9 @@ def figure_1(notebook: Notebook) -> None:
     """Sparse representation of a smooth patch; of a crease without and with domain optimisation."""
     page = Page(3, 4)
     cases = (
-        (smooth_patch(), TRADITIONAL, "smooth, fixed domain"),
-        (crease_patch(), TRADITIONAL, "crease, fixed domain"),
-        (crease_patch(), FREE, "crease, optimised domain"),
+        (SMOOTH, TRADITIONAL, "smooth, fixed domain"),
+        (CREASE, TRADITIONAL, "crease, fixed domain"),
+        (CREASE, STEPWISE, "crease, optimised domain"),
     )
     for row, (patch, settings, name) in enumerate(cases):
         fitted = fit(patch, settings)
@@ -80,9 +75,9 @@ def figure_1(notebook: Notebook) -> None:
 
 def figure_2(notebook: Notebook) -> None:
     """A crease f as composition of a smooth function h with a piecewise linear domain transformation."""
-    patch = crease_patch()
+    patch = CREASE
     page = Page(2, 4)
-    for row, (name, settings) in enumerate({"paper, rho 1, f = b, beta per vertex": FREE, "default": DEFAULT}.items()):
+    for row, (name, settings) in enumerate({"paper, Q2 a step at a time": STEPWISE, "default": DEFAULT}.items()):
         fitted = fit(patch, settings)
         page.picture(row, 0, surface(patch.domain, fitted.values, patch, CYAN), f"{name}:\nf = h o Phi over U0")
         page.domain(row, 1, fitted.start, patch.triangles, "U0")
@@ -94,33 +89,40 @@ def figure_2(notebook: Notebook) -> None:
 
 def figure_3(notebook: Notebook) -> None:
     """Iterations on the way to a crease."""
-    patch = crease_patch()
-    numbers = [1, 3, 15]
+    patch = CREASE
+    numbers = [1, 5, 15]
     page = Page(3, 1 + len(numbers))
     page.picture(0, 0, surface(patch.domain, patch.values, patch, BLUE), "input")
     page.domain(1, 0, patch.domain, patch.triangles, "initial domain")
-    for column, (number, fitted) in enumerate(zip(numbers, iterates(patch, FREE, numbers), strict=True), start=1):
+    for column, (number, fitted) in enumerate(zip(numbers, iterates(patch, STEPWISE, numbers), strict=True), start=1):
         page.picture(0, column, surface(patch.domain, fitted.values, patch, CYAN), f"iteration {number}")
         page.domain(1, column, fitted.domain, patch.triangles, f"rms {fitted.final_rms:.1e}")
         page.picture(2, column, surface(fitted.domain, fitted.values, patch, YELLOW))
-        notebook.write("figure 3", {str(number): rounded(fitted.final_rms)})
+        notebook.write("figure 3", {f"iteration {number}": rounded(fitted.final_rms)})
     page.save("figure_03")
 
 
 COMPARED = {
     "traditional": TRADITIONAL,
     "paper as printed": PRINTED,
-    "paper, rho 1, f = b": CONVERGING,
-    "paper, also beta per vertex": FREE,
+    "paper, rho 1, f = b": SETTLING,
+    "paper, Q2 a step at a time": STEPWISE,
+    "paper, beta per vertex": FREE,
     "default": DEFAULT,
 }
+
+
+@cache
+def compared(kind: str) -> dict[str, Fitted]:
+    """Fit a patch, "smooth" or "crease", with every method."""
+    return {name: fit(PATCHES[kind], settings) for name, settings in COMPARED.items()}
 
 
 def figure_4(notebook: Notebook) -> None:
     """Every method on a smooth patch and on a crease."""
     page = Page(4, 1 + len(COMPARED))
-    for block, (kind, patch) in enumerate((("smooth", smooth_patch()), ("crease", crease_patch()))):
-        fits = {name: fit(patch, settings) for name, settings in COMPARED.items()}
+    for block, (kind, patch) in enumerate(PATCHES.items()):
+        fits = compared(kind)
         largest = float(np.percentile(fits["traditional"].error, 99))
         page.picture(2 * block, 0, surface(patch.domain, patch.values, patch, BLUE), f"{kind}: input")
         page.domain(2 * block + 1, 0, patch.domain, patch.triangles, "initial domain")
@@ -128,26 +130,23 @@ def figure_4(notebook: Notebook) -> None:
             page.picture(2 * block, column, surface(patch.domain, fitted.values, patch, CYAN), name)
             title = f"rms {fitted.final_rms:.1e}"
             page.error_map(2 * block + 1, column, patch.domain, patch.triangles, fitted.error, largest, title)
-            entry = {"rms": rounded(fitted.final_rms), "seconds": rounded(fitted.seconds), "flips": fitted.flips}
+            entry = {"rms": rounded(fitted.final_rms), "units": rounded(fitted.seconds / unit()), "flips": fitted.flips}
             notebook.write("figure 4", {f"{kind} {name}": entry})
     page.save("figure_04")
 
 
 def figure_5(notebook: Notebook) -> None:
-    """Energy and misfit after each iteration, and the time it takes."""
+    """Energy and misfit after each iteration."""
     page = Page(2, 2, width=3.6, height=2.3)
-    for row, (kind, patch) in enumerate((("smooth", smooth_patch()), ("crease", crease_patch()))):
+    for row, kind in enumerate(PATCHES):
         energy = page.chart(row, 0, f"{kind}: energy (eq. 3)")
         misfit = page.chart(row, 1, f"{kind}: rms of the misfit")
-        for name, settings in COMPARED.items():
-            fitted = fit(patch, settings)
+        for name, fitted in compared(kind).items():
             steps = np.arange(1, len(fitted.energy) + 1)
             style = {"linestyle": "--", "marker": "o" if len(steps) == 1 else ".", "markersize": 4}
             energy.semilogy(steps, fitted.energy, linewidth=1, **style)
             misfit.semilogy(steps, fitted.rms, linewidth=1, label=name, **style)
-            if len(fitted.energy) > 1:
-                entry = {"energy": [rounded(e) for e in fitted.energy], "seconds": rounded(fitted.seconds)}
-                notebook.write("figure 5", {f"{kind} {name}": entry})
+            notebook.write("figure 5", {f"{kind} {name}": [rounded(value) for value in fitted.rms]})
         for panel in (energy, misfit):
             panel.set_xlabel("iteration", labelpad=1)
             panel.grid(linewidth=0.3, alpha=0.6)
@@ -163,7 +162,7 @@ def cylinder(settings: Settings) -> Approximation:
 
 
 def creased_patch_of(surface: Representation) -> int:
-    """Return the patch that bends most about the middle: the one whose normals differ most."""
+    """Return the patch that is least flat."""
     scores = []
     for patch in range(surface.patches):
         points = surface.vertices[surface.patch_vertices[slice(*surface.vertex_offsets[patch : patch + 2])]]
@@ -179,9 +178,9 @@ def patch_parts(surface: Representation, patch: int) -> tuple[slice, Array, NDAr
     return vertices, surface.vertices[surface.patch_vertices[vertices]], triangles
 
 
-def facing(points: Array) -> View:
-    """Look at a patch from outside of the model, which is centred at its own middle, and from above."""
-    out = points.mean(axis=0) - 0.5 * np.array([1.0, 1.0, 1.0])
+def facing(points: Array, model: Array) -> View:
+    """Look at a patch from outside of the model, and from above."""
+    out = points.mean(axis=0) - 0.5 * (model.min(axis=0) + model.max(axis=0))
     azimuth = np.degrees(np.arctan2(-out[0], -out[1]))
     return View(azimuth=float(azimuth) + 25.0, elevation=35.0)
 
@@ -192,37 +191,37 @@ DOMAINS = {"lscm": "LSCM", "harmonic": "circle, conformal", "tutte": "circle, Tu
 def figure_6(notebook: Notebook) -> None:
     """Three initial domains lead to close results."""
     page = Page(3, 5)
-    base = replace(CONVERGING, adaptive=False)
-    chosen = creased_patch_of(cylinder(base).representation)
+    methods = {"paper": replace(FREER, adaptive=False), "default": replace(DEFAULT, adaptive=False)}
+    largest = 0.0
     for row, (kind, name) in enumerate(DOMAINS.items()):
-        for method, settings in (("converging", base), ("default", replace(DEFAULT, adaptive=False))):
-            result = cylinder(replace(settings, initial_domain=kind))
+        results = {key: cylinder(replace(settings, initial_domain=kind)) for key, settings in methods.items()}
+        for method, result in results.items():
             entry = {key: rounded(result.report["relative"][key]) for key in ("surface_rms", "vertex_rms")}
             notebook.write("figure 6", {f"{method} {kind}": entry})
-        result = cylinder(replace(base, initial_domain=kind))
-        own = result.representation
-        vertices, points, triangles = patch_parts(own, chosen)
+        own = results["paper"].representation
+        vertices, points, triangles = patch_parts(own, creased_patch_of(own))
         values = own.at_patch_vertices()[vertices]
         error = np.linalg.norm(values - points, axis=1)
-        if row == 0:
-            largest = 2.5 * float(np.sqrt(np.mean(error**2)))
-        page.picture(row, 0, shoot([Shown(points, triangles, BLUE)], facing(points)), "input patch")
-        page.domain(row, 1, own.initial_domains[0, vertices], triangles, f"initial: {name}")
+        largest = largest or 2.5 * float(np.sqrt(np.mean(error**2)))
+        view, start = facing(points, own.vertices), own.initial_domains[0, vertices]
+        page.picture(row, 0, shoot([Shown(points, triangles, BLUE)], view), "input patch")
+        page.domain(row, 1, start, triangles, f"initial: {name}")
         page.domain(row, 2, own.domains[0, vertices], triangles, "optimised")
-        page.picture(row, 3, shoot([Shown(values, triangles, CYAN)], facing(points), frame=points), "result")
-        page.error_map(row, 4, own.initial_domains[0, vertices], triangles, error, largest, f"max {error.max():.1e}")
+        page.picture(row, 3, shoot([Shown(values, triangles, CYAN)], view, frame=points), "result")
+        page.error_map(row, 4, start, triangles, error, largest, f"max {error.max():.1e}")
     page.save("figure_06")
 
 
 def figure_7(notebook: Notebook) -> None:
     """With and without the regularisation of the domain."""
-    patch = crease_patch()
+    patch = CREASE
     cases = {
-        "beta1 = beta2 = 0": replace(CONVERGING, beta1=0.0, beta2=0.0),
-        "beta2 = 0": replace(FREE, beta2=0.0),
-        "beta1 = 0": replace(FREE, beta1=0.0),
-        "beta1 = 0.2, beta2 = 0.1 per vertex": FREE,
-        "beta1 = 0.2, beta2 = 0.1 as printed": CONVERGING,
+        "beta1 = beta2 = 0": replace(SETTLING, beta1=0.0, beta2=0.0),
+        "per vertex, beta2 = 0": replace(FREE, beta2=0.0),
+        "per vertex, beta1 = 0": replace(FREE, beta1=0.0),
+        "per vertex, both": FREE,
+        "Q2 a step at a time": STEPWISE,
+        "both as printed": SETTLING,
         "default": DEFAULT,
     }
     page = Page(2, len(cases))
@@ -243,7 +242,7 @@ def figure_8(notebook: Notebook) -> None:
     start, domain = own.initial_domains[0, vertices], own.domains[0, vertices]
     values = own.at_patch_vertices()[vertices]
     page = Page(2, 5)
-    page.picture(0, 0, shoot([Shown(points, triangles, GREEN)], facing(points)), "input patch")
+    page.picture(0, 0, shoot([Shown(points, triangles, GREEN)], facing(points, own.vertices)), "input patch")
     page.domain(1, 0, start, triangles, "initial domain")
     for d, axis in enumerate("xyz"):
         heights = (points[:, d] - points[:, d].mean()) * own.scales[patch, 0]
@@ -253,7 +252,7 @@ def figure_8(notebook: Notebook) -> None:
         page.picture(0, 1 + d, shoot([signal], VIEW, frame=frame), axis)
         over_domain = np.column_stack([domain, fitted])
         page.picture(1, 1 + d, shoot([Shown(over_domain, triangles, YELLOW)], VIEW, frame=frame), f"{axis}: h over U")
-    page.picture(0, 4, shoot([Shown(values, triangles, CYAN)], facing(points), frame=points), "result")
+    page.picture(0, 4, shoot([Shown(values, triangles, CYAN)], facing(points, own.vertices), frame=points), "result")
     page.domain(1, 4, domain, triangles, "common domain U")
     notebook.write("figure 8", {"rms": rounded(float(np.sqrt(((values - points) ** 2).sum(axis=1).mean())))})
     page.save("figure_08")

@@ -1,23 +1,27 @@
-"""Figures 9 to 12: whole surfaces."""
+"""Figures 9 to 12 and Table 1: whole surfaces."""
 
 from __future__ import annotations
 
+import colorsys
 from dataclasses import replace
 
 import numpy as np
-from measurements import METHODS, PRINTED, Notebook, measured, rounded
-from models import PAPER_MODELS, PaperModel
 from numpy.typing import NDArray
-from page import Page
-from patch_figures import patch_parts
-from shots import BLUE, CYAN, PURPLE, RED, Shown, View, error_colours, shoot
-from sparse_surface.solver import Approximation, Representation, Settings, approximate
+from sparse_surface.solver import Approximation, Representation, approximate
 from sparse_surface.solver.metrics import statistics
 from sparse_surface.solver.overlaps import overlap_gaps
 
+from .measurements import DEFAULT, PRINTED, Notebook, measured, rounded
+from .models import PAPER_MODELS, PaperModel
+from .page import Page
+from .patch_figures import facing, patch_parts
+from .shots import BLUE, CYAN, GREY, PURPLE, RED, Colour, Shown, View, error_colours, shoot
+
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 CUBE, CYLINDER = PAPER_MODELS[0], PAPER_MODELS[2]
+COMPARED = {"paper as printed": PRINTED, "default": DEFAULT}
 
 VIEWS = {
     "fandisk": View(azimuth=-60.0, elevation=30.0, up="Y"),
@@ -28,9 +32,12 @@ VIEWS = {
 }
 
 
-def heat(result: Approximation, faces: NDArray[np.int64], largest: float) -> Shown:
+def heat(result: Approximation, faces: Indices, largest: float) -> Shown:
     """Show a result in the colours of its errors."""
     return Shown(np.asarray(result.vertices, dtype=np.float64), faces, error_colours(result.error, largest))
+
+
+# ------------------------------------------------------------------------------------------------------------- Fig. 9
 
 
 def overlapping_pair(surface: Representation) -> tuple[int, int]:
@@ -44,132 +51,150 @@ def overlapping_pair(surface: Representation) -> tuple[int, int]:
             common, at_one, at_other = np.intersect1d(
                 surface.patch_vertices[one], surface.patch_vertices[other], return_indices=True
             )
-            share = len(common) / (one.stop - one.start)
-            if 0.2 < share < 0.5:
+            if 0.2 < len(common) / (one.stop - one.start) < 0.5:
                 gap = np.linalg.norm(points[one][at_one] - points[other][at_other], axis=1).mean()
                 if gap > best:
                     best, pair = float(gap), (first, second)
     return pair
 
 
+def pair_on_the_input(surface: Representation, pair: tuple[int, int]) -> list[Shown]:
+    """Show where two patches lie: one red, one purple, what both hold grey."""
+    used = [surface.patch_vertices[slice(*surface.vertex_offsets[k : k + 2])] for k in pair]
+    sets = [
+        {tuple(row) for row in np.sort(one[patch_parts(surface, k)[2]], axis=1).tolist()}
+        for k, one in zip(pair, used, strict=True)
+    ]
+    parts = ((sets[0] - sets[1], RED), (sets[1] - sets[0], PURPLE), (sets[0] & sets[1], GREY))
+    by_corners = {tuple(sorted(row)): row for k, one in zip(pair, used, strict=True)
+                  for row in one[patch_parts(surface, k)[2]].tolist()}  # fmt: skip
+    return [shown_part(surface.vertices, [by_corners[key] for key in sorted(part)], hue) for part, hue in parts if part]
+
+
+def shown_part(vertices: Array, triangles: list[list[int]], colour: Colour) -> Shown:
+    """Show some triangles of a mesh without the vertices that they do not use."""
+    used, corners = np.unique(np.array(triangles), return_inverse=True)
+    return Shown(vertices[used], corners.reshape(-1, 3), colour)
+
+
 def figure_9(notebook: Notebook) -> None:
     """Patches by themselves leave gaps; averaged, and after one and two sweeps."""
     vertices, faces = CYLINDER.load()
-    methods = {"paper as printed": PRINTED, "default": Settings()}
-    page = Page(len(methods), 6)
-    view = VIEWS.get(CYLINDER.key, View())
-    for row, (name, settings) in enumerate(methods.items()):
+    page = Page(len(COMPARED), 6)
+    pair, largest = None, 0.0
+    for row, (name, settings) in enumerate(COMPARED.items()):
         results = [approximate(vertices, faces, replace(settings, sweeps=sweeps)) for sweeps in (0, 1, 2)]
         surface = results[0].representation
-        pair = overlapping_pair(surface)
-        values = surface.at_patch_vertices()
-        parts = [patch_parts(surface, patch) for patch in pair]
-        close = np.concatenate([points for _, points, _ in parts])
-        near = View(azimuth=_azimuth(close), elevation=35.0)
-        overlap = [
-            Shown(points, triangles, colour)
-            for (_, points, triangles), colour in zip(parts, (RED, PURPLE), strict=True)
-        ]
-        page.picture(row, 0, shoot(overlap, near, frame=close), f"{name}: two patches of the input")
-        own = [
-            Shown(values[part], triangles, colour)
-            for (part, _, triangles), colour in zip(parts, (RED, PURPLE), strict=True)
-        ]
-        page.picture(row, 1, shoot(own, near, frame=close), "each fitted by itself")
-        seen = [Shown(*_patch(surface, values, k), _hue(k)) for k in range(surface.patches)]
-        page.picture(row, 2, shoot(seen, view, frame=vertices), f"all {surface.patches} patches, not blended")
-        if row == 0:
-            largest = float(np.percentile(results[0].error, 99))
+        pair = pair or overlapping_pair(surface)
+        largest = largest or float(np.percentile(results[0].error, 99))
+        draw_separate(page, row, name, surface, pair)
         for sweeps, result in enumerate(results):
             relative = result.report["relative"]
             gaps = overlap_gaps(result.representation)
             entry = {
                 "gap_rms": rounded(statistics(gaps[gaps > 0])["rms"]),
                 "gap_max": rounded(float(gaps.max())),
-                "vertex_rms": rounded(relative["vertex_rms"]),
-                "surface_rms": rounded(relative["surface_rms"]),
-                "seam": rounded(result.report["seam_max"]),
+                "vertex_rms": relative["vertex_rms"],
+                "surface_rms": relative["surface_rms"],
+                "seam": result.report["seam_max"],
             }
-            notebook.write("figure 9", {f"{name} {sweeps}": entry})
-            title = f"blended, {sweeps} sweep{'' if sweeps == 1 else 's'}: rms {relative['vertex_rms']:.1e}"
-            page.picture(row, 3 + sweeps, shoot([heat(result, faces, largest)], view, frame=vertices), title)
-    page.colour_bar(0, slice(3, 6), largest)
+            notebook.write("figure 9", {f"{name} {sweeps}": {key: rounded(value) for key, value in entry.items()}})
+            title = f"blended, {sweeps} sweep{'' if sweeps == 1 else 's'}:\nrms {relative['vertex_rms']:.1e}"
+            page.picture(row, 3 + sweeps, shoot([heat(result, faces, largest)], frame=vertices), title)
+        page.colour_bar(row, slice(3, 6), largest)
     page.save("figure_09")
 
 
-def _patch(surface: Representation, values: Array, patch: int) -> tuple[Array, NDArray[np.int64]]:
-    part, _, triangles = patch_parts(surface, patch)
-    return values[part], triangles
+def draw_separate(page: Page, row: int, name: str, surface: Representation, pair: tuple[int, int]) -> None:
+    """Draw two overlapping patches, their fits, and all the patches' fits over one another."""
+    values = surface.at_patch_vertices()
+    parts = [patch_parts(surface, patch) for patch in pair]
+    close = np.concatenate([points for _, points, _ in parts])
+    near = facing(close, surface.vertices)
+    page.picture(row, 0, shoot(pair_on_the_input(surface, pair), near, frame=close), f"{name}:\ntwo patches, the input")
+    fits = [Shown(values[own], triangles, hue) for (own, _, triangles), hue in zip(parts, (RED, PURPLE), strict=True)]
+    page.picture(row, 1, shoot(fits, near, frame=close), "each fitted by itself")
+    every = [(patch_parts(surface, patch), _hue(patch)) for patch in range(surface.patches)]
+    seen = [Shown(values[own], triangles, hue) for (own, _, triangles), hue in every]
+    page.picture(row, 2, shoot(seen, frame=surface.vertices), f"all {surface.patches} patches, not blended")
 
 
-def _hue(number: int) -> tuple[float, float, float]:
-    import colorsys
-
+def _hue(number: int) -> Colour:
     return colorsys.hsv_to_rgb(number * 0.618034 % 1.0, 0.45, 0.9)
 
 
-def _azimuth(points: Array) -> float:
-    out = points.mean(axis=0) - 0.5 * (points.min(axis=0) + points.max(axis=0)).mean()
-    return float(np.degrees(np.arctan2(-out[0], -out[1]))) + 20.0
+# ------------------------------------------------------------------------------------------------------------ Fig. 10
 
 
 def figure_10(notebook: Notebook) -> None:
     """Patches of 5, 7 and 10 rings."""
     vertices, faces = CUBE.load()
     rings = (5, 7, 10)
-    page = Page(3, len(rings) + 1)
+    page = Page(2, 2 * len(rings) + 1, width=1.8, height=1.7)
     page.picture(0, 0, shoot([Shown(vertices, faces, BLUE)]), "input")
-    for column, ring in enumerate(rings, start=1):
-        for row, (name, settings) in enumerate({"printed": PRINTED, "default": Settings()}.items(), start=1):
+    for row, (name, settings) in enumerate(COMPARED.items()):
+        for place, ring in enumerate(rings):
             result = approximate(vertices, faces, replace(settings, ring=ring))
-            relative = result.report["relative"]
-            entry = {
-                "patches": result.report["patches"],
-                "surface_rms": rounded(relative["surface_rms"]),
-                "vertex_rms": rounded(relative["vertex_rms"]),
-                "seconds": rounded(result.report["seconds"]["total"]),
-            }
+            relative, patches = result.report["relative"], result.report["patches"]
+            entry = {"patches": patches, **{key: rounded(value) for key, value in relative.items()}}
             notebook.write("figure 10", {f"{name} {ring}": entry})
-            if row == 1:
-                page.picture(
-                    0, column, shoot([Shown(result.vertices, faces, CYAN)], frame=vertices),
-                    f"k = {ring}: {result.report['patches']} patches",
-                )  # fmt: skip
-            page.picture(
-                row, column, shoot([heat(result, faces, 0.03)], frame=vertices),
-                f"{'paper as printed' if row == 1 else 'default'}: rms {relative['vertex_rms']:.1e}",
-            )  # fmt: skip
-    page.colour_bar(1, slice(1, 4), 0.03)
-    page.colour_bar(2, slice(1, 4), 0.03)
+            shape = Shown(np.asarray(result.vertices, dtype=np.float64), faces, CYAN)
+            title = f"{name},\nk = {ring}: {patches} patches"
+            page.picture(row, 1 + 2 * place, shoot([shape], frame=vertices), title)
+            coloured = shoot([heat(result, faces, 0.03)], frame=vertices)
+            page.picture(row, 2 + 2 * place, coloured, f"rms {relative['vertex_rms']:.1e}")
+        page.colour_bar(row, 2 * len(rings), 0.03)
     page.save("figure_10")
 
 
-def gallery(name: str, models: list[PaperModel], notebook: Notebook, only: tuple[str, ...]) -> None:
-    """Input, the paper's method, the default method, and the colours of their errors, for several models."""
-    page = Page(len(models), 5)
+# ---------------------------------------------------------------------------------------- Fig. 11, Fig. 12 and Table 1
+
+LABELS = {"printed": "paper", "freer": "paper, freer", "default": "default"}
+
+
+def gallery(number: int, chosen: list[PaperModel], notebook: Notebook) -> None:
+    """Draw inputs, what the methods make of them and the colours of their errors; note what Table 1 tells."""
+    models = [model for model in chosen if model.available]
+    left_out = [model.name for model in chosen if not model.available]
+    notebook.clear("left out", f"figure {number}")
+    if left_out:
+        notebook.write("left out", {f"figure {number}": left_out})
+    for model in chosen:
+        notebook.clear("models", f"{model.key} ")
+    page = Page(max(len(models), 1), 8, width=1.75, height=1.55)
     for row, model in enumerate(models):
-        vertices, faces = model.load()
-        results = {method: measured(model, method, notebook) for method in only}
-        printed, own = results["printed"], results["default"]
-        largest = float(np.percentile(printed.error, 99))
-        view, used = VIEWS.get(model.key, View()), vertices[np.unique(faces)]
-        page.picture(row, 0, shoot([Shown(vertices, faces, BLUE)], view, frame=used), f"{model.name}: input")
-        for column, (result, label) in enumerate(((printed, "paper"), (own, "default"))):
-            rms = result.report["relative"]["vertex_rms"]
-            shown = Shown(np.asarray(result.vertices, dtype=float), faces, CYAN)
-            page.picture(row, 1 + 2 * column, shoot([shown], view, frame=used), label)
-            coloured = shoot([heat(result, faces, largest)], view, frame=used)
-            page.picture(row, 2 + 2 * column, coloured, f"{label}: rms {rms:.1e}")
-        page.colour_bar(row, 4, largest)
-    page.save(name)
+        draw_model(page, row, model, notebook)
+    page.save(f"figure_{number}")
+
+
+def draw_model(page: Page, row: int, model: PaperModel, notebook: Notebook) -> None:
+    """Draw a row of a gallery: the input, the traditional fit's errors, the other methods' shapes and errors."""
+    mesh = vertices, faces = model.load()
+    view, used = VIEWS.get(model.key, View()), vertices[np.unique(faces)]
+    results = {method: measured(model, mesh, method, notebook) for method in model.methods}
+    largest = float(np.percentile(results["printed"].error, 99))
+
+    def draw(column: int, shown: Shown, title: str) -> None:
+        page.picture(row, column, shoot([shown], view, frame=used), title)
+
+    def rms(method: str) -> str:
+        return f"rms {results[method].report['relative']['vertex_rms']:.1e}"
+
+    draw(0, Shown(vertices, faces, BLUE), f"{model.name}: input")
+    draw(1, heat(results["traditional"], faces, largest), f"traditional: {rms('traditional')}")
+    for column, (method, label) in enumerate(LABELS.items()):
+        if method in results:
+            shape = np.asarray(results[method].vertices, dtype=np.float64)
+            draw(2 + 2 * column, Shown(shape, faces, CYAN), label)
+            draw(3 + 2 * column, heat(results[method], faces, largest), rms(method))
+    page.colour_bar(row, 7, largest)
 
 
 def figure_11(notebook: Notebook) -> None:
     """Models with creases."""
-    gallery("figure_11", [m for m in PAPER_MODELS if m.creased and m.available], notebook, tuple(METHODS))
+    gallery(11, [model for model in PAPER_MODELS if model.creased], notebook)
 
 
 def figure_12(notebook: Notebook) -> None:
     """Models with details."""
-    models = [model for model in PAPER_MODELS if not model.creased and model.available]
-    gallery("figure_12", models, notebook, ("traditional", "printed", "default"))
+    gallery(12, [model for model in PAPER_MODELS if not model.creased], notebook)

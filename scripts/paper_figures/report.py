@@ -1,0 +1,2 @@
+def write_page(n):
+    pass
