@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .domain_energy import DomainEnergy
+from .sparse_matrices import for_both, in_single_precision
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -148,15 +149,15 @@ class Batch:
     @cached_property
     def single(self) -> SinglePrecision:
         """What the Gauss-Newton systems need, in single precision."""
-        laplacian = self.energy.laplacian().astype(np.float32)
-        collect = self.collect.astype(np.float32)
+        laplacian = in_single_precision(self.energy.laplacian())
+        collect = in_single_precision(self.collect)
         squared = collect[: collect.shape[0] // 2, : collect.shape[1] // 2].copy()
         squared.data **= 2
         return SinglePrecision(
-            self.observe.astype(np.float32),
+            in_single_precision(self.observe),
             collect,
             squared,
-            sp.block_diag([laplacian, laplacian], format="csr"),
+            for_both(laplacian),
             laplacian.diagonal().reshape(self.problems, -1),
         )
 
@@ -201,8 +202,7 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
         values[k, :, : len(problem.values)] = ((problem.values - frame.origin) * frame.scale).T
         weights[k, 0, : len(problem.weights)] = problem.weights
     flat = (triangles + most * np.arange(count)[:, None, None]).reshape(-1, 3)
-    observe = _observation_matrix(problems, most, observations)
-    observe = sp.block_diag([observe, observe], format="csr")
+    observe = for_both(_observation_matrix(problems, most, observations))
     energy = DomainEnergy.of(start.reshape(2, -1), flat)
     return Batch(
         frames,
@@ -273,9 +273,12 @@ def principal_axes(domain: Array, values: Array) -> Array:
 
 def _observation_matrix(problems: list[Problem], vertices: int, observations: int) -> sp.csr_matrix:
     """W of all problems, each padded to so many vertices and observations."""
-    rows = [observations * k + np.repeat(np.arange(len(problem.corners)), 3) for k, problem in enumerate(problems)]
-    columns = [vertices * k + problem.corners.ravel() for k, problem in enumerate(problems)]
-    entries = np.concatenate([problem.shares.ravel() for problem in problems])
-    some = np.flatnonzero(entries)
-    place = np.concatenate(rows)[some], np.concatenate(columns)[some]
-    return sp.csr_matrix((entries[some], place), shape=(len(problems) * observations, len(problems) * vertices))
+    shares = np.zeros((len(problems), observations, 3))
+    corners = np.zeros((len(problems), observations, 3), dtype=np.int64)
+    for k, problem in enumerate(problems):
+        shares[k, : len(problem.shares)] = problem.shares
+        corners[k, : len(problem.corners)] = problem.corners + vertices * k
+    some = shares != 0.0
+    starts = np.concatenate([[0], np.cumsum(np.count_nonzero(some, axis=2).ravel())])
+    shape = (len(problems) * observations, len(problems) * vertices)
+    return sp.csr_matrix((shares[some], corners[some], starts), shape=shape)

@@ -16,8 +16,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .batch import Problem, WarmStart
-from .observations import Observations
-from .patch_fit import ChunkTask, PatchFit, chunk_patches, patch_problems
+from .observations import Observations, PatchObservations
+from .patch_fit import ChunkTask, PatchFit, chunk_patches, problems_of
 from .patches import Patches
 from .settings import Settings
 
@@ -52,9 +52,8 @@ class Blend:
         """The surface at the first observations while patches come in, (count, 3): the data where they are missing."""
         return self._surface[:count].copy()
 
-    def remainder(self, patch: int, fit: PatchFit) -> Array:
-        """What the other patches leave for this one at its observations, phi_k times its target, (N, 3)."""
-        own = self.observations.of_patch(patch)
+    def remainder(self, own: PatchObservations, fit: PatchFit) -> Array:
+        """What the other patches leave for one at its observations, phi_k times its target, (N, 3)."""
         left = self.observations.points[own.number] - self._surface[own.number]
         left += own.blending[:, None] * fit.values
         return left
@@ -117,21 +116,21 @@ def sweep_task(blend: Blend, domains: Array, fits: list[PatchFit], settings: Set
     """Problems of some patches against what all the others leave, started from where they stand."""
     problems = []
     for k in map(int, chunk):
-        own = patch_problems(blend.observations, domains, settings, k)
-        problems += _against_remainder(blend, own, fits[k], k, settings.method == "default")
+        own = blend.observations.of_patch(k)
+        alone = problems_of(blend.observations, own, domains, settings, k)
+        problems += _against_remainder(blend, own, alone, fits[k], settings.method == "default")
     return ChunkTask(chunk, problems, settings)
 
 
 def _against_remainder(
-    blend: Blend, problems: list[Problem], fit: PatchFit, patch: int, anchored: bool
+    blend: Blend, own: PatchObservations, problems: list[Problem], fit: PatchFit, anchored: bool
 ) -> list[Problem]:
     """Change targets and weights so that least squares mean w0 (phi^2 |left / phi - h|^2 + gamma |data - h|^2).
 
     The paper's methods take eq. 6 as it is printed: without gamma, and with the small weights 1 / n_p^2 beside an
     unchanged Q.  Otherwise (`anchored`) the weights keep their sum, and so their balance with Q.
     """
-    own = blend.observations.of_patch(patch)
-    left = blend.remainder(patch, fit)
+    left = blend.remainder(own, fit)
     anti_drift = ANTI_DRIFT if anchored else 0.0
     share = own.blending**2 + anti_drift
     weights = own.weights * share

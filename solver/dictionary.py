@@ -122,9 +122,12 @@ class Dictionary:
         ndarray
             Shape (..., n, N).
         """
-        i, j = self.degrees.T
-        values = self.tables(domain[0])[..., i, :]
-        values *= self.tables(domain[1])[..., j, :]
+        u_table, v_table = self.tables(domain[0]), self.tables(domain[1])
+        values = np.empty((*u_table.shape[:-2], self.size, u_table.shape[-1]))
+        for total in range(self.degree + 1):
+            first = total * (total + 1) // 2
+            same_total = values[..., first : first + total + 1, :]
+            np.multiply(u_table[..., total::-1, :], v_table[..., : total + 1, :], out=same_total)
         return values
 
     def sparse_values(
@@ -196,7 +199,5 @@ def combine(
     ndarray
         Shape (..., N).
     """
-    product = np.matmul(grid, v_table)
-    product *= u_table
-    total: NDArray[np.float64] = product.sum(axis=-2)
+    total: NDArray[np.float64] = np.einsum("...in,...in->...n", np.matmul(grid, v_table), u_table)
     return total

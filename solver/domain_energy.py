@@ -19,6 +19,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from .sparse_matrices import for_both, rows_of_three, stacked
+
 
 @dataclass(frozen=True)
 class DomainEnergy:
@@ -50,10 +52,8 @@ class DomainEnergy:
         inverse = np.divide(1.0, doubled, out=np.zeros_like(doubled), where=doubled != 0.0)
         # gradient of the hat function of a vertex: the opposite edge, turned by a right angle, over the doubled area
         opposite = np.stack([c - b, a - c, b - a], axis=-1)
-        rows = np.repeat(np.arange(len(triangles)), 3)
-        shape = (len(triangles), start.shape[1])
-        along_u = sp.csr_matrix(((-opposite[1] * inverse[:, None]).ravel(), (rows, triangles.ravel())), shape=shape)
-        along_v = sp.csr_matrix(((opposite[0] * inverse[:, None]).ravel(), (rows, triangles.ravel())), shape=shape)
+        along_u = rows_of_three(-opposite[1] * inverse[:, None], triangles, start.shape[1])
+        along_v = rows_of_three(opposite[0] * inverse[:, None], triangles, start.shape[1])
         return cls(start, np.abs(doubled) / 2.0, along_u, along_v)
 
     def jacobian(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -81,8 +81,7 @@ class DomainEnergy:
     @cached_property
     def _gradient(self) -> sp.csr_matrix:
         """Derivatives along u and v of both coordinates, (4 T, 2 N)."""
-        one = sp.vstack([self.along_u, self.along_v])
-        return sp.block_diag([one, one], format="csr")
+        return for_both(stacked(self.along_u, self.along_v))
 
     @cached_property
     def _divergence(self) -> sp.csr_matrix:
@@ -90,8 +89,12 @@ class DomainEnergy:
 
     def laplacian(self) -> sp.csr_matrix:
         """Half the Hessian of Q2 with the rotations held: the area-weighted Laplacian of the initial domain, (N, N)."""
-        weight = sp.diags(self.area)
-        return (self.along_u.T @ weight @ self.along_u + self.along_v.T @ weight @ self.along_v).tocsr()
+        triangles = self.along_u.indices.reshape(-1, 3)
+        u, v = self.along_u.data.reshape(-1, 3), self.along_v.data.reshape(-1, 3)
+        entries = self.area[:, None, None] * (u[:, :, None] * u[:, None, :] + v[:, :, None] * v[:, None, :])
+        rows, columns = np.broadcast_arrays(triangles[:, :, None], triangles[:, None, :])
+        size = self.along_u.shape[1]
+        return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
 
 
 def nearest_rotation(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -172,14 +172,16 @@ class MeshObservations:
         weight = SMALL_PATCH_INSIDE_WEIGHT if dense else CENTROID_WEIGHT
         first = self._first_dense[mesh_triangles] if dense else len(self.vertices) + mesh_triangles
         inside = (first[:, None] + np.arange(len(samples))).ravel()
-        corners = np.concatenate(
-            [np.repeat(np.arange(count), 3).reshape(-1, 3), np.repeat(triangles, len(samples), axis=0)]
-        )
-        shares = np.concatenate([np.tile([1.0, 0.0, 0.0], (count, 1)), np.tile(samples, (len(triangles), 1))])
+        corners = np.empty((count + len(inside), 3), dtype=np.int64)
+        corners[:count] = np.arange(count)[:, None]
+        corners[count:].reshape(len(triangles), -1, 3)[:] = triangles[:, None]
+        shares = np.zeros((len(corners), 3))
+        shares[:count, 0] = 1.0
+        shares[count:].reshape(len(triangles), -1, 3)[:] = samples
         own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
         if self._weights is not None:
-            own *= (self._weights[self.patches.vertices[vertices]][corners] * shares).sum(axis=1)
-        blending = (self._blending[vertices][corners] * shares).sum(axis=1)
+            own *= np.einsum("nk,nk->n", self._weights[self.patches.vertices[vertices]][corners], shares)
+        blending = np.einsum("nk,nk->n", self._blending[vertices][corners], shares)
         if self._overlap is not None:
             blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
         return PatchObservations(
@@ -197,7 +199,7 @@ class MeshObservations:
         triangles = self.patches.triangles[slice(*self.patches.triangle_offsets[patch : patch + 2])]
         corners = np.repeat(triangles, len(samples), axis=0)
         shares = np.tile(samples, (len(triangles), 1))
-        blending = (self._blending[vertices][corners] * shares).sum(axis=1)
+        blending = np.einsum("nk,nk->n", self._blending[vertices][corners], shares)
         points = np.einsum("nkd,nk->nd", self.vertices[self.patches.vertices[vertices]][corners], shares)
         nothing = np.zeros(len(corners))
         return PatchObservations(nothing.astype(np.int64), corners, shares, nothing, blending, ANY_DEGREE), points

@@ -7,10 +7,11 @@ bit.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from . import paper_method, traditional, variable_projection
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
@@ -127,10 +128,16 @@ def chunk_patches(observations: Observations, which: Indices, problems_each: int
 
 def patch_problems(observations: Observations, domains: Array, settings: Settings, patch: int) -> list[Problem]:
     """Problems of one patch: a single one for x, y, z, or one for each."""
+    return problems_of(observations, observations.of_patch(patch), domains, settings, patch)
+
+
+def problems_of(
+    observations: Observations, own: PatchObservations, domains: Array, settings: Settings, patch: int
+) -> list[Problem]:
+    """Problems of the patch whose observations are `own`."""
     patches = observations.patches
     vertices = slice(*patches.vertex_offsets[patch : patch + 2])
     triangles = patches.triangles[slice(*patches.triangle_offsets[patch : patch + 2])]
-    own = observations.of_patch(patch)
     weights = fitting_weights(own.blending, own.weights, settings.blending)
     at_vertices, values = observations.vertices[patches.vertices[vertices]], observations.points[own.number]
     degree = min(settings.degree, own.degree)
@@ -150,10 +157,16 @@ def patch_problems(observations: Observations, domains: Array, settings: Setting
     ]
 
 
+@lru_cache(maxsize=1)
+def _thread_pools() -> ThreadpoolController:
+    """Libraries of this process that keep threads; looking for them takes longer than limiting them."""
+    return ThreadpoolController()
+
+
 def fit_chunk(task: ChunkTask) -> list[PatchFit]:
     """Fit the patches of a chunk, on one thread."""
     settings = task.settings
-    with threadpool_limits(1, user_api="blas"):
+    with _thread_pools().limit(limits=1, user_api="blas"):
         batch = build_batch(task.problems, turn=settings.method == "default")
         # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
         dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)

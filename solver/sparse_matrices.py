@@ -1,0 +1,49 @@
+"""Sparse matrices whose structure is known beforehand, put together without sorting anything."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def rows_of_three(entries: Array, columns: Indices, width: int) -> sp.csr_matrix:
+    """Matrix with three entries in each row.
+
+    Parameters
+    ----------
+    entries, columns
+        Entries and where they stand, (R, 3) both.
+    width
+        Number of columns.
+
+    Returns
+    -------
+    csr_matrix
+        (R, width).
+    """
+    starts = 3 * np.arange(len(entries) + 1)
+    return sp.csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(len(entries), width))
+
+
+def stacked(above: sp.csr_matrix, below: sp.csr_matrix) -> sp.csr_matrix:
+    """One matrix above another of the same width."""
+    starts = np.concatenate([above.indptr, above.indptr[-1] + below.indptr[1:]])
+    entries, columns = np.concatenate([above.data, below.data]), np.concatenate([above.indices, below.indices])
+    return sp.csr_matrix((entries, columns, starts), shape=(above.shape[0] + below.shape[0], above.shape[1]))
+
+
+def for_both(matrix: sp.csr_matrix) -> sp.csr_matrix:
+    """The same matrix for u and for v: twice on the diagonal."""
+    rows, columns = matrix.shape
+    starts = np.concatenate([matrix.indptr, matrix.indptr[-1] + matrix.indptr[1:]])
+    where = np.concatenate([matrix.indices, matrix.indices + columns])
+    return sp.csr_matrix((np.concatenate([matrix.data, matrix.data]), where, starts), shape=(2 * rows, 2 * columns))
+
+
+def in_single_precision(matrix: sp.csr_matrix) -> sp.csr_matrix:
+    """The matrix with float32 entries; its structure is shared."""
+    return sp.csr_matrix((matrix.data.astype(np.float32), matrix.indices, matrix.indptr), shape=matrix.shape)
