@@ -62,12 +62,23 @@ def rows_of(report: dict[str, Any]) -> list[tuple[str, Any]]:
         ("Method", report["method"]),
         ("Vertices", report["input"]["vertices"]),
         ("Patches", report["patches"]),
+        *_noise_rows(report),
         *errors,
         ("Normal error, degrees", report["normal_error_degrees"]),
         ("Flipped triangles", report["flipped_triangles"]),
         ("Largest seam", report["seam_max"]),
         ("Seconds", report["seconds"]["total"]),
     ]
+
+
+def _noise_rows(report: dict[str, Any]) -> list[tuple[str, Any]]:
+    if "denoise" not in report:
+        return []
+    noise = report["denoise"]
+    rows = [("Noise taken off", noise["noise_level"]), ("Displacement, rms", noise["displacement"]["rms"])]
+    if report["patches"]:
+        rows.append(("Fit to the denoised, rms", noise["fit"]["surface_error"]["rms"]))
+    return rows
 
 
 CLASSES = (SPARSE_SURFACE_OT_copy_statistics,)

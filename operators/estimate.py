@@ -34,7 +34,7 @@ class Estimate:
 def estimate(vertices: int, settings: Settings) -> Estimate:
     """Estimate a run on a mesh of so many vertices."""
     return Estimate(
-        patches=_patches(vertices, settings.ring),
+        patches=0 if settings.denoise == "only" else _patches(vertices, settings.ring),
         seconds=_work(vertices, settings) * _seconds_per_work,
         gigabytes=vertices * MEGABYTES_PER_THOUSAND_VERTICES * 1e-6,
     )

@@ -129,6 +129,9 @@ def _summary(report: dict[str, Any] | None) -> str:
     if report is None:
         return ""
     relative = report["relative"]
+    if "denoise" in report and not report["patches"]:
+        size, level = report["input"]["bounding_box_longest_side"], report["denoise"]["noise_level"]
+        return f"denoised: noise of {level / size:.2g}, largest move {relative['vertex_max']:.2g} of the longest side"
     return (
         f"surface error: rms {relative['surface_rms']:.2g}, largest {relative['surface_max']:.2g} of the longest side"
         f"     {report['patches']} patches"

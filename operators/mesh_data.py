@@ -275,6 +275,8 @@ def store_representation(made: Object, stored: bytes, lengths: WorldLengths) -> 
     In a custom property of the object Blender carries it through saving, undo, duplicating and appending, and copies it
     only when the object is evaluated anew; a property of the mesh would be copied whenever a vertex moves.
     """
+    if REPRESENTATION in made:
+        del made[REPRESENTATION]  # bytes assigned to a property that is there already end at their first zero
     made[REPRESENTATION] = stored
     if lengths.stretch is not None:
         made[STRETCH] = [float(value) for value in lengths.stretch.ravel()]

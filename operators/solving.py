@@ -126,12 +126,17 @@ class Solving:
 
     def say_result(self, name: str, report: dict[str, Any]) -> None:
         """Say in one line what came out, and remember how long it took."""
-        error = report["surface_error"]
-        text = rpt_("'{}': {} patches, surface error rms {:.3g}, max {:.3g}, {:.1f} s")
-        self.report(
-            {"INFO"},
-            text.format(name, report["patches"], error["rms"], error["max"], report["seconds"]["total"]),
-        )
+        error, seconds = report["surface_error"], report["seconds"]["total"]
+        if "denoise" in report and not report["patches"]:
+            level, moved = report["denoise"]["noise_level"], report["denoise"]["displacement"]
+            text = rpt_("'{}': noise of {:.3g} taken off, vertices moved by rms {:.3g}, max {:.3g}, {:.1f} s")
+            line = text.format(name, level, moved["rms"], moved["max"], seconds)
+            if not level:
+                line = rpt_("'{}': no noise found, nothing was moved, {:.1f} s").format(name, seconds)
+        else:
+            text = rpt_("'{}': {} patches, surface error rms {:.3g}, max {:.3g}, {:.1f} s")
+            line = text.format(name, report["patches"], error["rms"], error["max"], seconds)
+        self.report({"INFO"}, line)
         estimate.learn(report)
 
 

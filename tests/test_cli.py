@@ -141,6 +141,40 @@ def test_presets_are_those_of_the_panel(model: Path, tmp_path: Path) -> None:
     assert (settings["iterations"], settings["sweeps"], settings["ring"]) == (6, 0, 5)
 
 
+def noisy_sheet() -> tuple[np.ndarray, np.ndarray]:
+    vertices, quads = sheet(40)
+    return vertices + np.random.default_rng(8).normal(0.0, 0.008, vertices.shape), quads
+
+
+def test_denoising_by_preset_strength_and_level(tmp_path: Path) -> None:
+    source = write_obj(tmp_path / "scan.obj", *noisy_sheet())
+    out, report_file = tmp_path / "out.obj", tmp_path / "report.json"
+    files = ("-o", out, "--report", report_file, "--workers", "1")
+    done = run("approximate", source, "--preset", "denoise", *files)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(report_file.read_text())
+    assert report["denoise"]["noise_level"] == pytest.approx(0.008, rel=0.15)
+    assert "noise of 0.0" in done.stdout
+    assert "patches" not in done.stdout.splitlines()[-1]
+    clean, quads = sheet(40)
+    (before, _), (after, faces) = noisy_sheet(), read_obj(out)
+    assert faces == quads.tolist()
+    off_plane = [np.std(points[:, 2] - clean[:, 2]) for points in (before, after)]
+    assert off_plane[1] < 0.6 * off_plane[0]
+    done = run("approximate", source, "--preset", "denoise", "--denoise-strength", "0.5", *files)
+    assert json.loads(report_file.read_text())["denoise"]["noise_level"] == pytest.approx(
+        0.5 * report["denoise"]["noise_level"]
+    )
+    done = run(
+        "approximate", source, "--preset", "denoise", "--denoise", "first", "--noise-level", "0.01", *files, *QUICK
+    )
+    assert done.returncode == 0, done.stderr
+    fitted = json.loads(report_file.read_text())
+    assert fitted["denoise"]["noise_level"] == 0.01
+    assert fitted["patches"] > 0
+    assert f"fitted with {fitted['patches']} patches" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("content", "name", "words"),
     [

@@ -216,6 +216,8 @@ def draw_estimate(layout: UILayout, context: Context) -> None:
         return
     expected = estimate(count, context.scene.sparse_surface.to_settings())
     text = iface_("About {} patches, {}").format(expected.patches, duration_text(expected.seconds))
+    if not expected.patches:
+        text = iface_("About {}").format(duration_text(expected.seconds))
     layout.label(text=text, icon="TIME", translate=False)
     if count > LARGE_MESH:
         warning = iface_("Large mesh: about {:.1f} GB of memory").format(expected.gigabytes)
@@ -227,7 +229,8 @@ def draw_statistics(layout: UILayout, report: dict[str, Any]) -> None:
     column = layout.column(align=True)
     tolerance = report["settings"]["tolerance"]
     if tolerance:
-        kept = report["surface_error"]["max"] <= tolerance
+        measured = report["denoise"]["fit"] if "denoise" in report else report  # noise is no error of the fit
+        kept = measured["surface_error"]["max"] <= tolerance
         text = iface_("Within the tolerance") if kept else iface_("Exceeds the tolerance")
         column.label(text=f"{text} ({tolerance:.4g})", icon="CHECKMARK" if kept else "ERROR", translate=False)
     for label, value in rows_of(report):

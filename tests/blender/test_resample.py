@@ -250,6 +250,17 @@ def test_it_is_there_after_saving_and_loading(tmp_path):
     assert scenes.positions(resampled(2).data).tobytes() == expected
 
 
+def test_a_replaced_result_has_the_new_one():
+    source = scenes.creased_sheet(12)
+    for ring in (4, 3, 5):
+        scenes.select(source)
+        result = scenes.approximate(ring=ring)
+        stored = result["sparse_surface_representation"]
+        assert len(stored) == result["sparse_surface"]["representation_bytes"]
+        made = resampled(1)
+        assert np.allclose(scenes.positions(made.data), scenes.positions(result.data), atol=1e-6)
+
+
 def test_duplicates_have_it_too():
     scenes.creased_sheet(12)
     scenes.approximate()

@@ -1,0 +1,147 @@
+"""Denoising in Blender: the preset, the strength, what is said and shown, in the object's own units."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from bl_ext.user_default.sparse_surface.operators.copy_statistics import rows_of
+from bl_ext.user_default.sparse_surface.operators.estimate import estimate
+from bl_ext.user_default.sparse_surface.operators.heatmap_render import render_heatmap
+from bl_ext.user_default.sparse_surface.solver import Settings, approximate, models
+from mathutils import Matrix, Vector
+
+sys.path.insert(0, str(Path(__file__).parent))
+import scenes
+
+NOISE = 0.005
+
+
+def noisy_cube(level: float = NOISE, name: str = "Scan") -> Any:
+    """Return a selected cube of quads, edge length 1, with noise in all directions."""
+    vertices, faces = models.cube()
+    vertices = vertices + np.random.default_rng(3).normal(0.0, level, vertices.shape)
+    return scenes.mesh_object(name, vertices, faces.tolist())
+
+
+def take_preset(name: str) -> None:
+    from bl_ext.user_default.sparse_surface.ui.presets import SPARSE_SURFACE_MT_presets
+
+    (path,) = [
+        Path(folder) / f"{name}.py"
+        for folder in bpy.utils.preset_paths(SPARSE_SURFACE_MT_presets.preset_subdir)
+        if (Path(folder) / f"{name}.py").is_file()
+    ]
+    assert bpy.ops.script.execute_preset(filepath=str(path), menu_idname="SPARSE_SURFACE_MT_presets") == {"FINISHED"}
+
+
+def from_clean_planes(points: np.ndarray) -> np.ndarray:
+    """Return the distance of each point from the surface of the cube of edge length 1."""
+    return np.abs(np.abs(points).max(axis=1) - 0.5)
+
+
+def test_the_preset_takes_the_noise_off_the_selected_mesh():
+    source = noisy_cube()
+    before = scenes.positions(source.data).copy()
+    take_preset("denoise")
+    assert bpy.context.scene.sparse_surface.denoise == "only"
+    result = scenes.approximate()
+    after = scenes.positions(result.data)
+    assert np.array_equal(scenes.positions(source.data), before)
+    assert from_clean_planes(after).std() < 0.2 * from_clean_planes(before).std()
+    faces = [list(polygon.vertices) for polygon in source.data.polygons]
+    expected = approximate(before, np.array(faces), Settings(denoise="only", workers=1))
+    assert np.allclose(after, expected.vertices, atol=1e-6)
+    assert {len(polygon.vertices) for polygon in result.data.polygons} == {4}
+
+
+def test_figures_and_attributes_say_what_was_taken_off():
+    source = noisy_cube()
+    result = scenes.approximate(denoise="only")
+    moved = np.linalg.norm(scenes.positions(result.data) - scenes.positions(source.data), axis=1)
+    assert np.allclose(scenes.values(result.data, "error"), moved, atol=1e-6)
+    assert (scenes.values(result.data, "patch") == -1).all()
+    report = result["sparse_surface"].to_dict()
+    assert report["denoise"]["noise_level"] == pytest.approx(NOISE, rel=0.1)
+    assert report["denoise"]["displacement"]["max"] == pytest.approx(moved.max(), rel=1e-4)
+    rows = dict(rows_of(report))
+    assert rows["Noise taken off"] == report["denoise"]["noise_level"]
+    assert "Fit to the denoised, rms" not in rows
+    assert estimate(2000, Settings(denoise="only")).patches == 0 < estimate(2000, Settings()).patches
+
+
+def test_noise_is_measured_in_the_world():
+    source = noisy_cube()
+    source.matrix_world = Matrix.LocRotScale(Vector((3.0, 0.0, -1.0)), None, Vector((10.0, 10.0, 10.0)))
+    result = scenes.approximate(denoise="only")
+    assert result["sparse_surface"]["denoise"]["noise_level"] == pytest.approx(10.0 * NOISE, rel=0.1)
+    own = scenes.positions(result.data)
+    scenes.select(source)
+    result = scenes.approximate(denoise="only", noise_level=10.0 * NOISE)
+    assert result["sparse_surface"]["denoise"]["noise_level"] == pytest.approx(10.0 * NOISE, rel=1e-6)
+    assert np.allclose(scenes.positions(result.data), own, atol=NOISE)
+
+
+def test_strength_and_fit_on_request():
+    source = noisy_cube()
+    moved = []
+    for strength in (0.0, 0.5, 1.0):
+        scenes.select(source)
+        result = scenes.approximate(denoise="only", denoise_strength=strength)
+        moved.append(scenes.values(result.data, "error").max())
+    assert moved[0] == 0.0 < moved[1] < moved[2]
+    scenes.select(source)
+    result = scenes.approximate(denoise="first", ring=4, degree=8, sparsity=8)
+    report = result["sparse_surface"].to_dict()
+    assert report["patches"] > 0
+    assert 0.0 < report["denoise"]["fit"]["surface_error"]["rms"] < report["surface_error"]["rms"]
+    assert "Fit to the denoised, rms" in dict(rows_of(report))
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    fine = bpy.context.view_layer.objects.active
+    assert len(fine.data.polygons) == 4 * len(source.data.polygons)
+
+
+def test_a_denoised_mesh_can_be_resampled_and_looked_at():
+    noisy_cube()
+    result = scenes.approximate(denoise="only")
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    fine = bpy.context.view_layer.objects.active
+    count = len(result.data.vertices)
+    assert np.allclose(scenes.positions(fine.data)[:count], scenes.positions(result.data), atol=1e-6)
+    scenes.select(result)
+    with pytest.raises(RuntimeError, match="has no patches"):
+        bpy.ops.sparse_surface.inspect_patch()
+
+
+def test_a_clean_mesh_stays_as_it_is():
+    vertices, faces = models.cube()
+    source = scenes.mesh_object("Clean", vertices, faces.tolist())
+    result = scenes.approximate(denoise="only")
+    assert scenes.positions(result.data).tobytes() == scenes.positions(source.data).tobytes()
+    assert not scenes.values(result.data, "error").any()
+
+
+def test_held_vertices_stay():
+    source = noisy_cube()
+    group = source.vertex_groups.new(name="Moves")
+    group.add(list(range(0, len(source.data.vertices), 2)), 1.0, "REPLACE")
+    result = scenes.approximate(denoise="only", vertex_group="Moves")
+    before, after = scenes.positions(source.data), scenes.positions(result.data)
+    assert np.array_equal(before[1::2], after[1::2])
+    assert not np.array_equal(before[::2], after[::2])
+
+
+def test_the_picture_tells_of_noise_not_of_patches(tmp_path, monkeypatch):
+    from bl_ext.user_default.sparse_surface.operators import heatmap_render
+
+    noisy_cube()
+    result = scenes.approximate(denoise="only")
+    written = []
+    monkeypatch.setattr(heatmap_render._Lettering, "write", lambda _, text, *__, **___: written.append(text))
+    monkeypatch.setattr(heatmap_render, "_render", lambda scene, picture: None)
+    render_heatmap(result, tmp_path / "picture.png")
+    assert any(text.startswith("denoised: noise of 0.00") for text in written)
