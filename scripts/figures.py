@@ -1,7 +1,8 @@
-"""Make the pictures of docs/pictures anew, all or those that are named.
+"""Make the pictures of docs/ anew, all or those that are named.
 
-python scripts/figures.py                all of them
-python scripts/figures.py heat_map       one of them
+python scripts/figures.py                all of them: an hour
+python scripts/figures.py heat_map       one of docs/pictures
+python scripts/figures.py fig9           a figure of the paper in docs/figures, and docs/paper.md
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import paper_figures
 import sparse_surface
 from demo import approximate, make_flower, make_suzanne
 from sparse_surface.operators.heatmap_render import render_heatmap
@@ -38,14 +40,16 @@ FIGURES: dict[str, Callable[[Path], None]] = {"heat_map": heat_map, "heat_map_sm
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[[], *FIGURES], metavar="NAME", help=", ".join(FIGURES))
+    names = [*FIGURES, *paper_figures.FIGURES]
+    parser.add_argument("names", nargs="*", choices=[[], *names], metavar="NAME", help=", ".join(names))
     options = parser.parse_args(arguments)
     PICTURES.mkdir(parents=True, exist_ok=True)
     sparse_surface.register()
     try:
-        for name in options.names or FIGURES:
-            FIGURES[name](PICTURES / f"{name}.png")
-            print(f"docs/pictures/{name}.png", flush=True)
+        for name in options.names or names:
+            path = PICTURES / f"{name}.png"
+            made = FIGURES[name](path) if name in FIGURES else paper_figures.make(name)
+            print((made or path).relative_to(PICTURES.parent.parent), flush=True)
     finally:
         sparse_surface.unregister()
     return 0

@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
 
-from . import patch_figures, surface_figures
-from .measurements import Notebook
-from .report import write_page
-
-FIGURES: dict[str, Callable[[Notebook], None]] = {
-    "fig1": patch_figures.figure_1,
-    "fig2": patch_figures.figure_2,
-    "fig3": patch_figures.figure_3,
-    "fig4": patch_figures.figure_4,
-    "fig5": patch_figures.figure_5,
-    "fig6": patch_figures.figure_6,
-    "fig7": patch_figures.figure_7,
-    "fig8": patch_figures.figure_8,
-    "fig9": surface_figures.figure_9,
-    "fig10": surface_figures.figure_10,
-    "fig11": surface_figures.figure_11,
-    "fig12": surface_figures.figure_12,
-}
-"""Name of a figure -> what draws it and notes what was measured.  Table 1 comes with figures 11 and 12."""
+FIGURES = {f"fig{number}": "patch_figures" if number < 9 else "surface_figures" for number in range(1, 13)}
+"""Name of a figure -> the module that draws it.  Table 1 comes with figures 11 and 12."""
 
 
-def make(name: str) -> None:
-    """Draw a figure into docs/figures and write docs/paper.md from all that was measured so far."""
+def make(name: str) -> Path:
+    """Draw a figure into docs/figures, return its path, and write docs/paper.md from all that was measured so far."""
+    from .measurements import Notebook
+    from .report import write_page
+
     notebook = Notebook()
-    FIGURES[name](notebook)
+    draw = getattr(import_module(f".{FIGURES[name]}", __name__), f"figure_{name[3:]}")
+    notebook.clear(f"figure {name[3:]}")
+    path: Path = draw(notebook)
     write_page(notebook)
+    return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def chosen_functions(page: Page, row: int, column: int, fitted: Fitted, title: s
     panel.spines[["top", "right"]].set_visible(False)
 
 
-def figure_1(notebook: Notebook) -> None:
+def figure_1(notebook: Notebook) -> Path:
     """Sparse representation of a smooth patch; of a crease without and with domain optimisation."""
     page = Page(3, 4)
     cases = (
@@ -70,10 +71,10 @@ def figure_1(notebook: Notebook) -> None:
         chosen_functions(page, row, 2, fitted, f"{(fitted.support >= 0).sum()} of {fitted.dictionary.size} functions")
         page.picture(row, 3, surface(patch.domain, fitted.values, patch, CYAN), f"result, rms {fitted.final_rms:.1e}")
         notebook.write("figure 1", {name: rounded(fitted.final_rms)})
-    page.save("figure_01")
+    return page.save("figure_01")
 
 
-def figure_2(notebook: Notebook) -> None:
+def figure_2(notebook: Notebook) -> Path:
     """A crease f as composition of a smooth function h with a piecewise linear domain transformation."""
     patch = CREASE
     page = Page(2, 4)
@@ -84,10 +85,10 @@ def figure_2(notebook: Notebook) -> None:
         page.domain(row, 2, fitted.domain, patch.triangles, f"U = Phi(U0), {fitted.flips} flips")
         page.picture(row, 3, surface(fitted.domain, fitted.values, patch, YELLOW), "h over U: smooth")
         notebook.write("figure 2", {name: {"rms": rounded(fitted.final_rms), "flips": fitted.flips}})
-    page.save("figure_02")
+    return page.save("figure_02")
 
 
-def figure_3(notebook: Notebook) -> None:
+def figure_3(notebook: Notebook) -> Path:
     """Iterations on the way to a crease."""
     patch = CREASE
     numbers = [1, 5, 15]
@@ -99,7 +100,7 @@ def figure_3(notebook: Notebook) -> None:
         page.domain(1, column, fitted.domain, patch.triangles, f"rms {fitted.final_rms:.1e}")
         page.picture(2, column, surface(fitted.domain, fitted.values, patch, YELLOW))
         notebook.write("figure 3", {f"iteration {number}": rounded(fitted.final_rms)})
-    page.save("figure_03")
+    return page.save("figure_03")
 
 
 COMPARED = {
@@ -118,7 +119,7 @@ def compared(kind: str) -> dict[str, Fitted]:
     return {name: fit(PATCHES[kind], settings) for name, settings in COMPARED.items()}
 
 
-def figure_4(notebook: Notebook) -> None:
+def figure_4(notebook: Notebook) -> Path:
     """Every method on a smooth patch and on a crease."""
     page = Page(4, 1 + len(COMPARED))
     for block, (kind, patch) in enumerate(PATCHES.items()):
@@ -132,10 +133,10 @@ def figure_4(notebook: Notebook) -> None:
             page.error_map(2 * block + 1, column, patch.domain, patch.triangles, fitted.error, largest, title)
             entry = {"rms": rounded(fitted.final_rms), "units": rounded(fitted.seconds / unit()), "flips": fitted.flips}
             notebook.write("figure 4", {f"{kind} {name}": entry})
-    page.save("figure_04")
+    return page.save("figure_04")
 
 
-def figure_5(notebook: Notebook) -> None:
+def figure_5(notebook: Notebook) -> Path:
     """Energy and misfit after each iteration."""
     page = Page(2, 2, width=3.6, height=2.3)
     for row, kind in enumerate(PATCHES):
@@ -153,7 +154,7 @@ def figure_5(notebook: Notebook) -> None:
             panel.spines[["top", "right"]].set_visible(False)
     labels = misfit.get_legend_handles_labels()
     page.figure.legend(*labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
-    page.save("figure_05")
+    return page.save("figure_05")
 
 
 @cache
@@ -188,7 +189,7 @@ def facing(points: Array, model: Array) -> View:
 DOMAINS = {"lscm": "LSCM", "harmonic": "circle, conformal", "tutte": "circle, Tutte"}
 
 
-def figure_6(notebook: Notebook) -> None:
+def figure_6(notebook: Notebook) -> Path:
     """Three initial domains lead to close results."""
     page = Page(3, 5)
     methods = {"paper": replace(FREER, adaptive=False), "default": replace(DEFAULT, adaptive=False)}
@@ -209,10 +210,10 @@ def figure_6(notebook: Notebook) -> None:
         page.domain(row, 2, own.domains[0, vertices], triangles, "optimised")
         page.picture(row, 3, shoot([Shown(values, triangles, CYAN)], view, frame=points), "result")
         page.error_map(row, 4, start, triangles, error, largest, f"max {error.max():.1e}")
-    page.save("figure_06")
+    return page.save("figure_06")
 
 
-def figure_7(notebook: Notebook) -> None:
+def figure_7(notebook: Notebook) -> Path:
     """With and without the regularisation of the domain."""
     patch = CREASE
     cases = {
@@ -230,10 +231,10 @@ def figure_7(notebook: Notebook) -> None:
         page.domain(0, column, fitted.domain, patch.triangles, f"{name}\n{fitted.flips} flips")
         page.picture(1, column, surface(patch.domain, fitted.values, patch, CYAN), f"rms {fitted.final_rms:.1e}")
         notebook.write("figure 7", {name: {"flips": fitted.flips, "rms": rounded(fitted.final_rms)}})
-    page.save("figure_07")
+    return page.save("figure_07")
 
 
-def figure_8(notebook: Notebook) -> None:
+def figure_8(notebook: Notebook) -> Path:
     """A geometry patch: x, y and z over one common domain."""
     result = cylinder(replace(DEFAULT, adaptive=False))
     own = result.representation
@@ -255,4 +256,4 @@ def figure_8(notebook: Notebook) -> None:
     page.picture(0, 4, shoot([Shown(values, triangles, CYAN)], facing(points, own.vertices), frame=points), "result")
     page.domain(1, 4, domain, triangles, "common domain U")
     notebook.write("figure 8", {"rms": rounded(float(np.sqrt(((values - points) ** 2).sum(axis=1).mean())))})
-    page.save("figure_08")
+    return page.save("figure_08")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def shown_part(vertices: Array, triangles: list[list[int]], colour: Colour) -> S
     return Shown(vertices[used], corners.reshape(-1, 3), colour)
 
 
-def figure_9(notebook: Notebook) -> None:
+def figure_9(notebook: Notebook) -> Path:
     """Patches by themselves leave gaps; averaged, and after one and two sweeps."""
     vertices, faces = CYLINDER.load()
     page = Page(len(COMPARED), 6)
@@ -102,7 +103,7 @@ def figure_9(notebook: Notebook) -> None:
             title = f"blended, {sweeps} sweep{'' if sweeps == 1 else 's'}:\nrms {relative['vertex_rms']:.1e}"
             page.picture(row, 3 + sweeps, shoot([heat(result, faces, largest)], frame=vertices), title)
         page.colour_bar(row, slice(3, 6), largest)
-    page.save("figure_09")
+    return page.save("figure_09")
 
 
 def draw_separate(page: Page, row: int, name: str, surface: Representation, pair: tuple[int, int]) -> None:
@@ -126,7 +127,7 @@ def _hue(number: int) -> Colour:
 # ------------------------------------------------------------------------------------------------------------ Fig. 10
 
 
-def figure_10(notebook: Notebook) -> None:
+def figure_10(notebook: Notebook) -> Path:
     """Patches of 5, 7 and 10 rings."""
     vertices, faces = CUBE.load()
     rings = (5, 7, 10)
@@ -144,7 +145,7 @@ def figure_10(notebook: Notebook) -> None:
             coloured = shoot([heat(result, faces, 0.03)], frame=vertices)
             page.picture(row, 2 + 2 * place, coloured, f"rms {relative['vertex_rms']:.1e}")
         page.colour_bar(row, 2 * len(rings), 0.03)
-    page.save("figure_10")
+    return page.save("figure_10")
 
 
 # ---------------------------------------------------------------------------------------- Fig. 11, Fig. 12 and Table 1
@@ -152,7 +153,7 @@ def figure_10(notebook: Notebook) -> None:
 LABELS = {"printed": "paper", "freer": "paper, freer", "default": "default"}
 
 
-def gallery(number: int, chosen: list[PaperModel], notebook: Notebook) -> None:
+def gallery(number: int, chosen: list[PaperModel], notebook: Notebook) -> Path:
     """Draw inputs, what the methods make of them and the colours of their errors; note what Table 1 tells."""
     models = [model for model in chosen if model.available]
     left_out = [model.name for model in chosen if not model.available]
@@ -164,7 +165,7 @@ def gallery(number: int, chosen: list[PaperModel], notebook: Notebook) -> None:
     page = Page(max(len(models), 1), 8, width=1.75, height=1.55)
     for row, model in enumerate(models):
         draw_model(page, row, model, notebook)
-    page.save(f"figure_{number}")
+    return page.save(f"figure_{number}")
 
 
 def draw_model(page: Page, row: int, model: PaperModel, notebook: Notebook) -> None:
@@ -190,11 +191,11 @@ def draw_model(page: Page, row: int, model: PaperModel, notebook: Notebook) -> N
     page.colour_bar(row, 7, largest)
 
 
-def figure_11(notebook: Notebook) -> None:
+def figure_11(notebook: Notebook) -> Path:
     """Models with creases."""
-    gallery(11, [model for model in PAPER_MODELS if model.creased], notebook)
+    return gallery(11, [model for model in PAPER_MODELS if model.creased], notebook)
 
 
-def figure_12(notebook: Notebook) -> None:
+def figure_12(notebook: Notebook) -> Path:
     """Models with details."""
-    gallery(12, [model for model in PAPER_MODELS if not model.creased], notebook)
+    return gallery(12, [model for model in PAPER_MODELS if not model.creased], notebook)
