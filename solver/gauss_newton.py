@@ -19,6 +19,12 @@ Singles = NDArray[np.float32]
 
 CONJUGATE_GRADIENT_STEPS = 8
 
+SMALLEST_DETERMINANT = 1e-30
+"""Vertices on which a problem depends no more than that stay; the inverse has to fit into single precision."""
+
+LARGEST_SLOPE = 1e6
+"""Systems with steeper functions are divided by their square: single precision could not hold its own squares."""
+
 
 def gauss_newton_move(
     batch: Batch, orthonormal: Array, gradient: Array, weights: tuple[float, float], damping: Array, force: Array
@@ -45,9 +51,10 @@ def gauss_newton_move(
     ndarray
         Move of the vertices, (2, B, m).
     """
-    beta1, beta2 = np.float32(weights[0]), np.float32(weights[1])
-    rows, slopes = orthonormal.astype(np.float32), gradient.astype(np.float32)
-    shift = beta1 + damping.astype(np.float32)[:, None]
+    unit = _units(gradient)
+    beta2 = (weights[1] / unit**2).astype(np.float32)[:, None]
+    rows, slopes = orthonormal.astype(np.float32), _in_units(gradient, unit).astype(np.float32)
+    shift = ((weights[0] + damping) / unit**2).astype(np.float32)[:, None]
     single = batch.single
 
     def apply(move: Singles) -> Singles:
@@ -63,7 +70,21 @@ def gauss_newton_move(
         return back
 
     precondition = _block_jacobi(batch, slopes, shift + beta2 * single.laplacian_diagonal)
+    force = force / (unit**2)[:, None]
     return _conjugate_gradients(apply, precondition, force.astype(np.float32)).astype(np.float64)
+
+
+def _units(gradient: Array) -> Array:
+    """What each problem's slopes are measured in, (B,): one, but for far steeper functions than a surface has."""
+    largest = np.maximum(gradient.max(axis=(0, 2, 3)), -gradient.min(axis=(0, 2, 3)))
+    return np.where(largest > LARGEST_SLOPE, largest, 1.0)
+
+
+def _in_units(gradient: Array, unit: Array) -> Array:
+    if (unit == 1.0).all():
+        return gradient
+    scaled: Array = gradient / unit[:, None, None]
+    return scaled
 
 
 def _conjugate_gradients(
@@ -99,7 +120,7 @@ def _block_jacobi(batch: Batch, slopes: Singles, shift: Singles) -> Callable[[Si
     uu, uv, vv = ((batch.single.diagonal @ product.ravel()).reshape(shift.shape) for product in products)
     uu, vv = uu + shift, vv + shift
     inverse = uu * vv - uv**2
-    inverse = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
+    inverse = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > SMALLEST_DETERMINANT)
     uu, uv, vv = uu * inverse, uv * inverse, vv * inverse
 
     def precondition(x: Singles) -> Singles:

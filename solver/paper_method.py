@@ -69,6 +69,8 @@ def improve(
     coefficients fitted anew, counts as an iterate: no problem ends with more energy than that.
     """
     iteration = Iteration(batch, dictionary, settings, domain, batch.values)
+    # The patches may have been fitted beside others that can use more functions; what is cut off names none.
+    support = support[..., : iteration.fit.support.shape[-1]]
     iteration.take(least_squares(batch, dictionary, domain, support))
     return iteration.run(iterations)
 

@@ -171,6 +171,8 @@ def _pass_through(surface: RefinedSurface, settings: Settings, outside: Booleans
     while outside.any():
         vertices = np.zeros(len(mesh.vertices), dtype=bool)
         vertices[mesh.triangles[outside]] = True
+        if (vertices <= surface.patches.passed_through).all():
+            break  # it is the input itself: what is left is rounding, which a tolerance may be below
         reproduced |= vertices
         surface.patches = surface.patches.passing(vertices)
         surface.weights = blending_weights(mesh, surface.patches, settings.blending)

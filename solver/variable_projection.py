@@ -28,7 +28,7 @@ Indices = NDArray[np.int64]
 
 PROXIMITY_DECAY = 0.5
 RIGIDITY_DECAY = 0.6
-RESELECT_AT = (0, 3, 6, 10)
+RESELECT_AT = (0, 4, 9)
 DETERMINANT_FLOOR = 0.02
 STEP_SHARE = 0.8
 RIDGE = 1e-11
@@ -325,7 +325,7 @@ def step(batch: Batch, dictionary: Dictionary, state: State, weights: tuple[floa
     jacobian = jacobian + (length * batch.by_problem(change)).reshape(change.shape)
     new = least_squares(batch, dictionary, tried, fit.support)
     after = new.misfit + regularisation(batch, tried.reshape(2, -1), jacobian, weights)
-    worse = np.flatnonzero(after >= before)
+    worse = np.flatnonzero(~(after < before))  # which is so for what overflowed, too
     tried[:, worse] = state.domain[:, worse]
     new.put(worse, fit)
     after[worse] = before[worse]
