@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,24 +65,54 @@ def _blocks(count: int, points_each: int) -> Iterator[slice]:
 
 def seam(representation: Representation) -> float:
     """Largest jump of the surface across the patches' rims: the edges between triangles that other patches cover."""
-    first, second, from_first, from_second = _rim_edges(representation)
+    pairs = pairs_across_edges(representation)
+    pairs = pairs.select(pairs.on_rim)
     largest = 0.0
-    for block in _blocks(len(first), 2 * len(EDGE_SAMPLES)):
-        faces = np.concatenate([first[block], second[block]])
-        ends = np.concatenate([from_first[block], from_second[block]])
-        corners = np.zeros((len(EDGE_SAMPLES), len(faces), 3))
-        place = np.arange(len(faces))
-        for k, share in enumerate(EDGE_SAMPLES):
-            corners[k, place, ends[:, 0]] = 1.0 - share
-            corners[k, place, ends[:, 1]] = share
-        points = representation.evaluate(np.tile(faces, len(EDGE_SAMPLES)), corners.reshape(-1, 3))
-        sides = points.reshape(len(EDGE_SAMPLES), 2, -1, 3)
-        largest = max(largest, float(np.linalg.norm(sides[:, 0] - sides[:, 1], axis=2).max()))
+    for block in _blocks(len(pairs), 2 * len(EDGE_SAMPLES)):
+        faces, corners = pairs.select(block).samples(EDGE_SAMPLES)
+        points = representation.evaluate(faces.ravel(), corners.reshape(-1, 3)).reshape(*faces.shape, 3)
+        largest = max(largest, float(np.linalg.norm(points[:, 0] - points[:, 1], axis=2).max()))
     return largest
 
 
-def _rim_edges(representation: Representation) -> tuple[Indices, Indices, Indices, Indices]:
-    """Pairs of mesh triangles on both sides of rim edges, and the edge's two corners in each."""
+@dataclass(frozen=True)
+class EdgePairs:
+    """The E edges of a mesh between exactly two triangles.
+
+    Attributes
+    ----------
+    triangles
+        The two triangles, (2, E).
+    corners
+        The edge's ends as corners of each of them, the same end first, (2, E, 2).
+    on_rim
+        Where other patches cover the one triangle than the other, so that the rim of a patch runs along the edge, (E,).
+    """
+
+    triangles: Indices
+    corners: Indices
+    on_rim: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.on_rim)
+
+    def select(self, which: NDArray[np.bool_] | slice) -> EdgePairs:
+        """Return some of the edges."""
+        return EdgePairs(self.triangles[:, which], self.corners[:, which], self.on_rim[which])
+
+    def samples(self, along: Array) -> tuple[Indices, Array]:
+        """Return points of each edge as points of both triangles: numbers (q, 2, E), coordinates (q, 2, E, 3).
+
+        `along` says where between the edge's ends they are, (q,).
+        """
+        inside = np.zeros((len(along), *self.triangles.shape, 3))
+        shares = np.stack([1.0 - along, along], axis=-1)[:, None, None]
+        np.put_along_axis(inside, np.broadcast_to(self.corners, (len(along), *self.corners.shape)), shares, axis=-1)
+        return np.broadcast_to(self.triangles, inside.shape[:-1]), inside
+
+
+def pairs_across_edges(representation: Representation) -> EdgePairs:
+    """Find the triangles that meet at edges of the input mesh, and where patches end between them."""
     triangles = representation.triangles
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     key = np.minimum(starts, ends) * len(representation.vertices) + np.maximum(starts, ends)
@@ -92,15 +123,13 @@ def _rim_edges(representation: Representation) -> tuple[Indices, Indices, Indice
     alone[1:] &= ~same[:-1]
     alone[:-1] &= ~same[1:]
     pair = np.flatnonzero(same & alone)
-    one, other = order[pair], order[pair + 1]
+    both = np.stack([order[pair], order[pair + 1]])
+    corners = np.stack([both % 3, (both + 1) % 3], axis=-1)
+    one, other = both // 3
+    swapped = triangles[one, corners[0, :, 0]] != triangles[other, corners[1, :, 0]]
+    corners[1, swapped] = corners[1, swapped, ::-1]
     cover = _cover_fingerprint(representation)
-    differs = cover[one // 3] != cover[other // 3]
-    one, other = one[differs], other[differs]
-    corners_one = np.stack([one % 3, (one + 1) % 3], axis=1)
-    corners_other = np.stack([other % 3, (other + 1) % 3], axis=1)
-    swapped = triangles[one // 3, corners_one[:, 0]] != triangles[other // 3, corners_other[:, 0]]
-    corners_other[swapped] = corners_other[swapped, ::-1]
-    return one // 3, other // 3, corners_one, corners_other
+    return EdgePairs(both // 3, corners, cover[one] != cover[other])
 
 
 def _cover_fingerprint(representation: Representation) -> Indices:
