@@ -164,7 +164,41 @@ def _thread_pools() -> ThreadpoolController:
 
 
 def fit_chunk(task: ChunkTask) -> list[PatchFit]:
-    """Fit the patches of a chunk, on one thread."""
+    """Fit the patches of a chunk, on one thread; where memory does not suffice, half of them at a time.
+
+    Raises
+    ------
+    MemoryError
+        When it does not suffice for a single patch, with a sentence that says so.
+    """
+    fits = _fit_together(task)
+    if fits is not None:
+        return fits
+    count = len(task.patches)
+    if count == 1:
+        size = len(task.problems[0].domain)
+        raise MemoryError(
+            f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
+        )
+    each, half = len(task.problems) // count, count // 2
+    return [
+        fit
+        for part in (slice(0, half), slice(half, count))
+        for fit in fit_chunk(
+            ChunkTask(task.patches[part], task.problems[each * part.start : each * part.stop], task.settings)
+        )
+    ]
+
+
+def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
+    """Fit all patches of a chunk in one batch; None where memory does not suffice, with nothing held any more."""
+    try:
+        return _fit_batch(task)
+    except MemoryError:
+        return None
+
+
+def _fit_batch(task: ChunkTask) -> list[PatchFit]:
     settings = task.settings
     with _thread_pools().limit(limits=1, user_api="blas"):
         batch = build_batch(task.problems, turn=settings.method == "default")
