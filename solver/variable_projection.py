@@ -28,10 +28,12 @@ Indices = NDArray[np.int64]
 
 PROXIMITY_DECAY = 0.5
 RIGIDITY_DECAY = 0.6
-RESELECT_AT = (0, 4, 9)
+RESELECT_AT = (0, 3, 8)
 DETERMINANT_FLOOR = 0.02
 STEP_SHARE = 0.8
 RIDGE = 1e-11
+NEGLIGIBLE = 1e-8
+"""Length of a function, compared with the longest one chosen, below which it takes no part."""
 
 
 @dataclass(frozen=True)
@@ -284,6 +286,8 @@ def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: 
     functions = _chosen(dictionary, support, tables)
     gram = np.matmul(functions, functions.swapaxes(-1, -2))
     norm = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
+    # What a function has left after weights changed may be nothing: it must not get a huge coefficient for that.
+    norm = np.maximum(norm, NEGLIGIBLE * norm.max(axis=-1, keepdims=True))
     norm = np.where(norm > 0.0, norm, 1.0)
     gram /= norm[..., :, None] * norm[..., None, :]
     size = support.shape[-1]
