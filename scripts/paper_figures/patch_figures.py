@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay
 from sparse_surface.solver import Approximation, Representation, Settings, approximate
 
 from .measurements import FREER, PRINTED, SETTLING, STEPWISE, Notebook, rounded, unit
@@ -29,11 +30,25 @@ SMOOTH, CREASE = grid_patch(smooth), grid_patch(bent_crease)
 PATCHES = {"smooth": SMOOTH, "crease": CREASE}
 
 
+SPLIT = 6
+"""Edges of the domain's triangles are split into so many to show the polynomial."""
+
+
 def surface(points: Array, values: Array, patch: Patch, colour: tuple[float, float, float]) -> Array:
     """Render scalar data as heights over parameters, framed like the patch's own data."""
     frame = np.column_stack([patch.domain, patch.values])
     frame = np.concatenate([frame * [1, 1, 1.15], np.column_stack([points, np.clip(values, *_range(patch))])])
     return shoot([Shown(np.column_stack([points, values]), patch.triangles, colour)], VIEW, frame=frame)
+
+
+def over_domain(fitted: Fitted, patch: Patch) -> Array:
+    """Render the polynomial h itself, over the whole of the optimised domain."""
+    corner = np.array([(i, j) for i in range(SPLIT + 1) for j in range(SPLIT + 1 - i)])
+    shares = np.column_stack([corner, SPLIT - corner.sum(axis=1)]) / SPLIT
+    points = (shares @ fitted.domain[patch.triangles]).reshape(-1, 2)
+    small = Delaunay(corner).simplices
+    triangles = (np.arange(len(patch.triangles))[:, None, None] * len(corner) + small).reshape(-1, 3)
+    return surface(points, fitted.polynomial(points), replace(patch, triangles=triangles), YELLOW)
 
 
 def _range(patch: Patch) -> tuple[float, float]:
@@ -82,8 +97,8 @@ def figure_2(notebook: Notebook) -> Path:
         fitted = fit(patch, settings)
         page.picture(row, 0, surface(patch.domain, fitted.values, patch, CYAN), f"{name}:\nf = h o Phi over U0")
         page.domain(row, 1, fitted.start, patch.triangles, "U0")
-        page.domain(row, 2, fitted.domain, patch.triangles, f"U = Phi(U0), {fitted.flips} flips")
-        page.picture(row, 3, surface(fitted.domain, fitted.values, patch, YELLOW), "h over U: smooth")
+        page.domain(row, 2, fitted.domain, patch.triangles, f"U = Phi(U0), flips: {fitted.flips}")
+        page.picture(row, 3, over_domain(fitted, patch), "h over U")
         notebook.write("figure 2", {name: {"rms": rounded(fitted.final_rms), "flips": fitted.flips}})
     return page.save("figure_02")
 
@@ -98,7 +113,7 @@ def figure_3(notebook: Notebook) -> Path:
     for column, (number, fitted) in enumerate(zip(numbers, iterates(patch, STEPWISE, numbers), strict=True), start=1):
         page.picture(0, column, surface(patch.domain, fitted.values, patch, CYAN), f"iteration {number}")
         page.domain(1, column, fitted.domain, patch.triangles, f"rms {fitted.final_rms:.1e}")
-        page.picture(2, column, surface(fitted.domain, fitted.values, patch, YELLOW))
+        page.picture(2, column, over_domain(fitted, patch), "h over U")
         notebook.write("figure 3", {f"iteration {number}": rounded(fitted.final_rms)})
     return page.save("figure_03")
 
@@ -228,7 +243,7 @@ def figure_7(notebook: Notebook) -> Path:
     page = Page(2, len(cases))
     for column, (name, settings) in enumerate(cases.items()):
         fitted = fit(patch, settings)
-        page.domain(0, column, fitted.domain, patch.triangles, f"{name}\n{fitted.flips} flips")
+        page.domain(0, column, fitted.domain, patch.triangles, f"{name}\nflips: {fitted.flips}")
         page.picture(1, column, surface(patch.domain, fitted.values, patch, CYAN), f"rms {fitted.final_rms:.1e}")
         notebook.write("figure 7", {name: {"flips": fitted.flips, "rms": rounded(fitted.final_rms)}})
     return page.save("figure_07")

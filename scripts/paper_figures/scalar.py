@@ -43,6 +43,8 @@ class Fitted:
         After each iteration.
     seconds
         Of processor time.
+    polynomial
+        h: parameters (n, 2) -> values (n,).
     """
 
     patch: Patch
@@ -55,6 +57,7 @@ class Fitted:
     energy: list[float]
     rms: list[float]
     seconds: float
+    polynomial: Callable[[Array], Array]
 
     @property
     def error(self) -> Array:
@@ -130,19 +133,27 @@ def fit(patch: Patch, settings: Settings) -> Fitted:
         solution = traditional.solve(batch, dictionary, settings)
     seconds = time.process_time() - begin
     frame = batch.frames[0]
-    values = dictionary.sparse_values(solution.support, solution.coefficients, solution.domain[:, :, None])[0, 0]
     back = frame.turn.T / frame.scale
+    into = np.linalg.inv(back)
+
+    def polynomial(points: Array) -> Array:
+        at = (points @ into).T[:, None, None]
+        values: Array = dictionary.sparse_values(solution.support, solution.coefficients, at)[0, 0]
+        return values / frame.scale + frame.origin[0]
+
+    domain = solution.domain[:, 0].T @ back
     return Fitted(
         patch,
         batch.start[:, 0].T @ back,
-        solution.domain[:, 0].T @ back,
-        values / frame.scale + frame.origin[0],
+        domain,
+        polynomial(domain),
         dictionary,
         solution.support[0, 0],
         solution.coefficients[0, 0],
         [float(energy[0]) for energy in solution.trace.energy],
         [float(np.sqrt(squares[0] / len(observed)) / frame.scale) for squares in solution.trace.squared_error],
         seconds,
+        polynomial,
     )
 
 
