@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 RIDGE = 1e-12
 INDEPENDENT = 1e-10
 """A function counts as independent of those chosen while this share of its squared norm is left over."""
+NEGLIGIBLE = 1e-6
+"""Squared norms count as at least this share of the largest one, so that no function of rounding errors is chosen."""
 
 
 @dataclass
@@ -136,7 +138,7 @@ def _greedy(
     residual = correlation.reshape(problems, size).copy()
     norm = np.diagonal(gram, axis1=1, axis2=2)[patch]
     remaining = norm.copy()
-    smallest = INDEPENDENT * np.maximum(norm, norm.max(axis=1, keepdims=True) * 1e-6)
+    smallest = INDEPENDENT * np.maximum(norm, NEGLIGIBLE * norm.max(axis=1, keepdims=True))
     scale = remaining if fixed_norm is None else fixed_norm.reshape(problems, size)
     forbidden = np.zeros((problems, size), dtype=bool) if allowed is None else ~allowed[patch]
     rows = np.zeros((problems, sparsity, size))
@@ -184,6 +186,7 @@ def _replace_cyclically(
     chosen = _regress(gram, signal, support.reshape(-1, sparsity)[active], patch)
     barred = np.zeros((len(active), size), dtype=bool) if allowed is None else ~allowed[patch]
     norm = np.diagonal(gram, axis1=1, axis2=2)[patch]
+    norm = np.maximum(norm, NEGLIGIBLE * norm.max(axis=1, keepdims=True))
     for position in range(sparsity):
         better, entering = _best_exchange(chosen, position, barred, norm)
         if len(better):
