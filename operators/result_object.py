@@ -19,6 +19,10 @@ REPRESENTATION = "sparse_surface_representation"
 STRETCH = "sparse_surface_stretch"
 """Custom property of a result object whose source was scaled: nine numbers that lead from local to world lengths."""
 
+SPLITS = "sparse_surface_splits"
+"""Custom property of a reconstructed surface, whose mesh is finer than the representation's: into how many parts every
+edge was split, and the numbers of vertices and faces that this gave."""
+
 PREVIEW = "sparse_surface_preview"
 """Custom property of an object that shows a surface while it is being solved."""
 
@@ -27,6 +31,9 @@ PATCH_COLOUR = "patch_color"
 
 ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH = "error", "error_color", "patch", "domain_stretch"
 """Attributes of a result's mesh."""
+
+WEIGHT = "weight"
+"""Attribute of reconstructed points: how much each counted."""
 
 NAME_BYTES = 63
 """Blender cuts the names of data-blocks here."""

@@ -1,4 +1,4 @@
-"""The approximation that runs in the background: one at a time, a child process for each object in turn.
+"""The work that runs in the background: one run at a time, a child process for each object in turn.
 
 `stop` may be called from anywhere, as often as one likes: by Cancel and ESC, before another file is loaded,
 when the add-on is disabled, when Blender quits and when something fails.
@@ -22,8 +22,10 @@ from .result_object import remove_previews
 from .status import redraw_progress, settle_sidebars, show_status
 
 if TYPE_CHECKING:
+    from ..solver.cloud_job import CloudOutcome
     from ..solver.job import Job, Outcome
     from ..solver.progress import Progress
+    from .cloud_data import CloudSource
     from .mesh_data import Source
 
 
@@ -43,9 +45,9 @@ class Run:
         What the solver said last, its fraction that of the whole run.
     """
 
-    tasks: list[tuple[Source, Settings]]
+    tasks: list[tuple[Source | CloudSource, Settings]]
     previews: bool = False
-    results: list[tuple[Source, Outcome]] = field(default_factory=list)
+    results: list[tuple[Source | CloudSource, Outcome | CloudOutcome]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     progress: Progress | None = None
     finishing: bool = False
@@ -61,7 +63,7 @@ class Run:
         return self._job is None and self._begun == len(self.tasks)
 
     @property
-    def current_source(self) -> Source | None:
+    def current_source(self) -> Source | CloudSource | None:
         """The object that is being solved."""
         return self.tasks[self._begun - 1][0] if self._job is not None else None
 

@@ -20,10 +20,14 @@ from .status import redraw_progress, show_status
 
 if TYPE_CHECKING:
     from ..solver.progress import Progress
-    from .mesh_data import Result, Source
+    from .cloud_data import CloudSource
+    from .mesh_data import Source
 
-Task = tuple["Source", Settings]
-Solved = tuple["Source", "Result"]
+Task = tuple[Any, Settings]
+"""What is read from an object, a `Source` or a `CloudSource`, and the settings."""
+
+Solved = tuple[Any, Any]
+"""A `Source` with its `Result`, or a `CloudSource` with its `CloudOutcome`."""
 
 
 class Solving:
@@ -101,7 +105,7 @@ class Solving:
         running.stop()
         return self._conclude(context, run.results, run.refusals)
 
-    def _show_preview(self, context: Context, source: Source, positions: Any) -> None:
+    def _show_preview(self, context: Context, source: Any, positions: Any) -> None:
         from . import mesh_data
 
         preview = mesh_data.find_object(self._preview_uid)
@@ -171,8 +175,8 @@ def refusal(name: str, error: BaseException, count: int) -> str:
     return text if count == 1 else f"'{name}': {text}"
 
 
-def _solve_here(source: Source, settings: Settings, context: Context, number: int, count: int) -> Result:
-    from ..solver.job import approximate_arrays
+def _solve_here(source: Source | CloudSource, settings: Settings, context: Context, number: int, count: int) -> Any:
+    from ..solver.job import solve_arrays
     from ..solver.progress import run_to_end
 
     manager = context.window_manager
@@ -182,6 +186,6 @@ def _solve_here(source: Source, settings: Settings, context: Context, number: in
         manager.progress_update(number + step.fraction)
 
     try:
-        return run_to_end(approximate_arrays(source.arrays, settings), show)
+        return run_to_end(solve_arrays(source.arrays, settings), show)
     finally:
         manager.progress_end()

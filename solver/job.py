@@ -1,4 +1,4 @@
-"""An approximation in a process of its own, for owners that must stay responsive.
+"""An approximation or a reconstruction in a process of its own, for owners that must stay responsive.
 
 The owner writes the input into a folder and starts a plain Python (see `child`); arrays travel as ``.npy``
 files in that folder, everything said on the way as one JSON object a line: progress and the end of the
@@ -27,6 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .child import close_streams, last_words, private_channels, start_child
+from .cloud_job import CloudArrays, CloudOutcome, reconstruct_arrays
+from .cloud_settings import CloudSettings
 from .errors import SparseSurfaceError, WorkerError
 from .progress import FINISH, Progress, Steps, run_to_end
 from .settings import Settings
@@ -105,9 +107,22 @@ class Outcome:
     history: NDArray[np.float32] | None = None
 
 
-_INPUT_ARRAYS = ("vertices", "corners", "sizes", "triangles", "triangle_polygons", "weights")
-_RESULT_ARRAYS = ("vertices", "error", "patch", "domain_stretch")
+_INPUT_ARRAYS = {
+    "mesh": ("vertices", "corners", "sizes", "triangles", "triangle_polygons", "weights"),
+    "cloud": ("points", "base_vertices", "corners", "sizes"),
+}
+_RESULT_ARRAYS = {
+    "mesh": ("vertices", "error", "patch", "domain_stretch"),
+    "cloud": ("vertices", "corners", "sizes", "error", "patch", "domain_stretch", "point_error", "point_weight"),
+}
 _HISTORY = "result_history.npy"
+
+
+def solve_arrays(arrays: MeshArrays | CloudArrays, settings: Settings) -> Steps[Approximation] | Steps[CloudOutcome]:
+    """Approximate a mesh, or reconstruct a surface from points."""
+    if isinstance(arrays, CloudArrays):
+        return reconstruct_arrays(arrays, settings)
+    return approximate_arrays(arrays, settings)
 
 
 # The owner's side
@@ -139,8 +154,9 @@ class Job:
 
     folder: Path
     python: Sequence[str] = (sys.executable,)
-    outcome: Outcome | None = None
+    outcome: Outcome | CloudOutcome | None = None
     failure: str = ""
+    _kind: str = field(default="mesh", init=False, repr=False)
     _process: subprocess.Popen[bytes] | None = field(default=None, init=False, repr=False)
     _reader: threading.Thread | None = field(default=None, init=False, repr=False)
     _messages: queue.SimpleQueue[dict[str, Any] | None] = field(
@@ -152,7 +168,7 @@ class Job:
         """Whether the work goes on: started, and neither an outcome nor a failure known."""
         return self._process is not None and self.outcome is None and not self.failure
 
-    def start(self, arrays: MeshArrays, settings: Settings, *, previews: bool = False) -> None:
+    def start(self, arrays: MeshArrays | CloudArrays, settings: Settings, *, previews: bool = False) -> None:
         """Write the input and start the child; with `previews` it sends the surface as it stands."""
         self.folder.mkdir(parents=True)
         try:
@@ -200,12 +216,15 @@ class Job:
             close_streams(process)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _write_input(self, arrays: MeshArrays, settings: Settings, previews: bool) -> None:
-        for name in _INPUT_ARRAYS:
+    def _write_input(self, arrays: MeshArrays | CloudArrays, settings: Settings, previews: bool) -> None:
+        job: dict[str, Any] = {"kind": "mesh", "settings": settings.as_dict(), "previews": previews}
+        if isinstance(arrays, CloudArrays):
+            job |= {"kind": "cloud", "cloud": arrays.cloud.as_dict(), "splits": arrays.splits}
+        self._kind = job["kind"]
+        for name in _INPUT_ARRAYS[self._kind]:
             array = getattr(arrays, name)
             if array is not None:
                 np.save(self.folder / f"{name}.npy", array, allow_pickle=False)
-        job = {"settings": settings.as_dict(), "previews": previews}
         (self.folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
 
     def _start_child(self) -> subprocess.Popen[bytes]:
@@ -220,13 +239,16 @@ class Job:
             path.unlink()
         return Progress(message["stage"], message["fraction"], message["detail"], vertices)
 
-    def _read_outcome(self) -> Outcome:
-        arrays = {name: np.load(self.folder / f"result_{name}.npy", allow_pickle=False) for name in _RESULT_ARRAYS}
-        report = json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
-        stored = (self.folder / "representation.npz").read_bytes()
+    def _read_outcome(self) -> Outcome | CloudOutcome:
+        names = _RESULT_ARRAYS[self._kind]
+        arrays = {name: np.load(self.folder / f"result_{name}.npy", allow_pickle=False) for name in names}
+        done = json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
+        stored = StoredRepresentation((self.folder / "representation.npz").read_bytes())
+        if self._kind == "cloud":
+            return CloudOutcome(**arrays, splits=done["splits"], report=done["report"], representation=stored)
         kept = self.folder / _HISTORY
         history = np.load(kept, allow_pickle=False) if kept.exists() else None
-        return Outcome(**arrays, report=report, representation=StoredRepresentation(stored), history=history)
+        return Outcome(**arrays, report=done["report"], representation=stored, history=history)
 
     def _reason_of_death(self) -> str:
         with open(self.folder / "log.txt", "rb") as log:
@@ -276,19 +298,23 @@ def _give_way() -> None:
 
 def _run(folder: Path, send: Callable[..., None], requests: _Requests) -> None:
     job = json.loads((folder / "job.json").read_text(encoding="utf-8"))
-    steps = approximate_arrays(_read_input(folder), Settings.from_dict(job["settings"]))
+    steps: Steps[Any] = solve_arrays(_read_input(folder, job), Settings.from_dict(job["settings"]))
     result = run_to_end(steps, _Reporter(folder, send, requests, job["previews"]))
-    for name in _RESULT_ARRAYS:
+    for name in _RESULT_ARRAYS[job["kind"]]:
         np.save(folder / f"result_{name}.npy", getattr(result, name), allow_pickle=False)
     if result.history is not None:
         np.save(folder / _HISTORY, result.history.astype(np.float32), allow_pickle=False)
     result.representation.save(folder / "representation.npz")
-    (folder / "report.json").write_text(json.dumps(result.report), encoding="utf-8")
+    done = {"report": result.report, "splits": getattr(result, "splits", 1)}
+    (folder / "report.json").write_text(json.dumps(done), encoding="utf-8")
 
 
-def _read_input(folder: Path) -> MeshArrays:
-    paths = {name: folder / f"{name}.npy" for name in _INPUT_ARRAYS}
-    return MeshArrays(**{name: np.load(path, allow_pickle=False) for name, path in paths.items() if path.exists()})
+def _read_input(folder: Path, job: Mapping[str, Any]) -> MeshArrays | CloudArrays:
+    paths = {name: folder / f"{name}.npy" for name in _INPUT_ARRAYS[job["kind"]]}
+    arrays = {name: np.load(path, allow_pickle=False) for name, path in paths.items() if path.exists()}
+    if job["kind"] == "cloud":
+        return CloudArrays(**arrays, cloud=CloudSettings(**job["cloud"]), splits=job["splits"])
+    return MeshArrays(**arrays)
 
 
 def _sender(outgoing: int) -> Callable[..., None]:

@@ -342,7 +342,7 @@ def _result(
     }
     history = _history(representation, fits)
     creases = crease_edges(representation, mesh) if settings.mark_creases else None
-    strongest = _strongest_patch(representation)
+    strongest = strongest_patch(representation)
     return Approximation(points, error, strongest, stretch, report, representation, history, creases)
 
 
@@ -371,7 +371,7 @@ def _history(representation: Representation, fits: list[PatchFit]) -> Array | No
     return np.stack(surfaces)
 
 
-def _strongest_patch(representation: Representation) -> NDArray[np.int32]:
+def strongest_patch(representation: Representation) -> NDArray[np.int32]:
     """Patch with the largest blending weight at every vertex, the first one of equals; -1 where none has weight."""
     strongest = np.full(len(representation.vertices), -1, dtype=np.int32)
     patch = np.repeat(np.arange(representation.patches), np.diff(representation.vertex_offsets))

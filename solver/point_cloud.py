@@ -27,7 +27,7 @@ from .execution import Crew, crew_for
 from .mesh import TriangleMesh
 from .metrics import domain_jacobians, flipped_triangles, seam, statistics
 from .noise_adaption import iterations_for_noise, ring_for_noise
-from .pipeline import SOLVE_ENDS, SWEEPS_END, Stopwatch, iteration_measures
+from .pipeline import SOLVE_ENDS, STAGES, SWEEPS_END, Stopwatch, iteration_measures
 from .progress import FINISH, Progress, Steps, run_to_end, within
 from .projection import Footpoints, project, walk
 from .representation import Representation
@@ -63,6 +63,8 @@ class Reconstruction:
 
     Attributes
     ----------
+    vertices
+        The surface at the base's vertices, (V, 3), scene units.
     error
         Distance of each point from the surface, (P,), scene units.
     triangle, barycentric
@@ -75,6 +77,7 @@ class Reconstruction:
         What evaluates the surface anywhere on the base.
     """
 
+    vertices: Array
     error: Array
     triangle: Indices
     barycentric: Array
@@ -208,6 +211,8 @@ class _Work:
         observed = yield from within(self._filled(observed), 0.05, 0.06)
         with self.watch.stage("domains"):
             self.surface = CloudSurface(self.mesh, observed, self.settings, self.crew)
+        if not len(self.surface.patches):
+            raise InputError("The base has no place for a patch: its triangles hang together nowhere.")
         if self.cloud.robust != "none":
             yield from within(self._first_weights(), 0.06, 0.08)
         yield from self._fit()
@@ -342,14 +347,22 @@ class _Work:
                 },
                 "seam_max": seam(representation),
                 "representation_bytes": len(representation.stored),
+                "normal_error_degrees": self._normal_error(representation, feet),
                 **self.iterations,
             }
+            vertices = representation.at_vertices()
         report = self._report(measures, size)
-        return Reconstruction(distance, feet.triangle, feet.barycentric, self.weights, report, representation)
+        return Reconstruction(vertices, distance, feet.triangle, feet.barycentric, self.weights, report, representation)
+
+    def _normal_error(self, representation: Representation, feet: Footpoints) -> float:
+        """Mean angle between the surface and the planes of the points' neighbours, degrees."""
+        normals, planes = representation.normals(feet.triangle, feet.barycentric), self.geometry.normals
+        beside = np.linalg.norm(np.cross(normals, planes), axis=1)
+        angle = np.arctan2(beside, np.abs((normals * planes).sum(axis=1)))
+        return float(np.degrees(angle).mean())
 
     def _report(self, measures: dict[str, Any], size: float) -> dict[str, Any]:
-        stages = ("cover", "domains", "solve", "sweeps", "measure")
-        seconds = {name: self.watch.seconds.get(name, 0.0) for name in stages}
+        seconds = {name: self.watch.seconds.get(name, 0.0) for name in STAGES}
         return {
             "version": VERSION,
             "method": self.settings.method,
