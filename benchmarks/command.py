@@ -12,7 +12,7 @@ import numpy as np
 
 from ..solver import models
 from ..solver.errors import InputError
-from . import accuracy, performance
+from . import accuracy, denoising, evaluation, performance
 from .cases import Case
 
 PAPERS = ("cube", "cubetorus", "cylinder", "flower")
@@ -63,6 +63,9 @@ def benchmark(
         else:
             ablated = [case for case in cases if case.model in ABLATED and (names is None or case.model in chosen)]
             text, figures[part] = accuracy.run(cases, ablated, _say)
+            for section in (evaluation, denoising):
+                more, figures[section.__name__.rpartition(".")[2]] = section.run(cases, _say)
+                text += more
         print(text)
         if docs is not None:
             _write(docs / f"{part}.md", text.rstrip() + "\n")

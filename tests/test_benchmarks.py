@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
+from sparse_surface.benchmarks import denoising, evaluation
+from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
 from sparse_surface.benchmarks.natural_alternative import compare
 from sparse_surface.benchmarks.performance import growth_exponent
 from sparse_surface.benchmarks.tables import table
+from sparse_surface.solver import models
 
 QUICK = {"workers": 1, "ring": 4, "degree": 6, "sparsity": 6, "iterations": 2, "sweeps": 0}
 
@@ -51,6 +55,53 @@ def test_both_solvers_fit_the_same_patches() -> None:
     for rms in (found.vertex_rms, found.inside_rms, found.alternative_vertex_rms, found.alternative_inside_rms):
         assert 0.0 < rms < 0.1
     assert min(found.units, found.alternative_units) > 0.0
+
+
+def test_the_bilateral_filter_is_a_fair_peer() -> None:
+    """With some of its settings it takes most of a cube's noise off."""
+    vertices, quads = models.cube(10)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    noisy = denoising.with_noise(vertices, triangles, 0.003, 1, isotropic=False)
+    before = denoising.closeness(vertices, triangles, noisy)
+    after = [denoising.closeness(vertices, triangles, each) for each in filtered(noisy, triangles)]
+    assert min(each.rms for each in after) < 0.3 * before.rms
+    assert min(each.degrees for each in after) < 0.1 * before.degrees
+
+
+def test_noise_is_as_strong_as_it_says() -> None:
+    vertices, triangles = models.sphere()
+    diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
+    for isotropic in (False, True):
+        moved = denoising.with_noise(vertices, triangles, 0.01, 3, isotropic) - vertices
+        assert math.isclose(np.sqrt((moved**2).sum(axis=1).mean()), 0.01 * diagonal, rel_tol=0.05)
+    assert denoising.closeness(vertices, triangles, vertices) == denoising.Closeness(0.0, 0.0)
+    assert math.isclose(
+        denoising.closeness(vertices, triangles, vertices + np.array([0.0, 0.2, 0.0])).rms, 0.1, rel_tol=0.01
+    )
+
+
+def test_a_noisy_case_is_measured_and_written() -> None:
+    found = denoising.measure_noisy(denoising.NoisyCase(Case("cube", QUICK, size=10), 0.003, seeds=(5,)))
+    assert found.denoised.rms < 0.4 * found.noisy.rms
+    assert found.worst == found.denoised  # of one seed
+    assert found.fitted.rms < found.noisy.rms
+    assert 0.8 < found.level < 1.2
+    assert found.units > 0.0
+    assert denoising.measure_clean(Case("sphere"))[0]
+    text = denoising.document([found], {"sphere": (True, 1.0)})
+    assert f"{found.denoised.rms:.2e} / {found.denoised.degrees:.2f}" in text
+    assert "| sphere | unchanged |" in text
+    assert denoising.document([], {}) == ""
+
+
+def test_a_representation_is_measured_and_written() -> None:
+    found = evaluation.evaluate(Case("cube", QUICK, size=8), points=1000)
+    assert found.change < 1e-6
+    assert found.file_bytes > 10_000
+    assert min(found.point_units, found.normal_units) > 0.0
+    text = evaluation.document([found])
+    assert "| cube | smooth, rims |" in text
+    assert evaluation.document([]) == ""
 
 
 def test_tables_are_markdown() -> None:

@@ -1,0 +1,114 @@
+"""The representation as something to keep: its size, how fast and how smoothly it evaluates; for `docs/accuracy.md`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..solver import Settings, approximate
+from ..solver.executor import WorkerExecutor
+from ..solver.smoothness import CREASE_ANGLE, bends
+from ..solver.storage import from_bytes
+from .cases import Case, generated, unit_seconds
+from .tables import table
+
+MODELS = ("cube", "fandisk", "bunny")
+POINTS = 1_000_000
+SHARES = (0.5, 0.9, 0.99, 1.0)
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What was measured of one representation.
+
+    Attributes
+    ----------
+    patches, file_bytes
+        Its size.
+    point_units, normal_units
+        Units of evaluating a million random points, and their normals, on one core.
+    change
+        Largest distance of the same points after saving and loading, in longest sides.
+    angles
+        Quantiles of the angles at edges; see `Bends.quantiles`.
+    """
+
+    model: str
+    patches: int
+    file_bytes: int
+    point_units: float
+    normal_units: float
+    change: float
+    angles: dict[str, dict[str, list[float]]]
+
+
+def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[str, dict[str, Any]]:
+    """Measure; returns a section of the document and everything as plain values."""
+    results: list[Evaluated] = []
+    for case in cases:
+        if case.model in MODELS:
+            say(f"{case.model}, evaluating a million points")
+            with WorkerExecutor(1) as process:
+                results.append(process.submit(evaluate, case).result())
+    return document(results), {"models": [asdict(each) for each in results]}
+
+
+def evaluate(case: Case, points: int = POINTS) -> Evaluated:
+    """Approximate a model and measure its representation; meant to run in a process of its own."""
+    vertices, faces = case.arrays if case.arrays is not None else generated(case.model, case.size)
+    surface = approximate(vertices, faces, Settings(**{**case.settings, "workers": 1})).representation
+    loaded = from_bytes(surface.stored)
+    rng = np.random.default_rng(0)
+    face, inside = rng.integers(0, len(surface.triangles), points), rng.dirichlet([1.0, 1.0, 1.0], points)
+    surface.evaluate(face[:10], inside[:10])  # what is prepared once
+    before = unit_seconds(5)
+    start = time.perf_counter()
+    there = surface.evaluate(face, inside)
+    middle = time.perf_counter()
+    surface.normals(face, inside)
+    end = time.perf_counter()
+    unit = 0.5 * (before + unit_seconds(5))
+    size = float(np.ptp(surface.vertices[np.unique(surface.triangles)], axis=0).max())
+    return Evaluated(
+        case.model,
+        surface.patches,
+        len(surface.stored),
+        (middle - start) / unit * 1e6 / points,
+        (end - middle) / unit * 1e6 / points,
+        float(np.linalg.norm(loaded.evaluate(face, inside) - there, axis=1).max()) / size,
+        bends(surface).quantiles(SHARES),
+    )
+
+
+def document(results: Sequence[Evaluated]) -> str:
+    """The section on representations; empty where nothing was measured."""
+    if not results:
+        return ""
+    head = ["model", "patches", "file, MB", "points, units", "normals, units", "changed by saving"]
+    rows = [
+        [each.model, each.patches, each.file_bytes / 1e6, each.point_units, each.normal_units, f"{each.change:.0e}"]
+        for each in results
+    ]
+    bent = []
+    for each in results:
+        for kind, angles in each.angles.items():
+            if angles["surface"]:
+                bent.append([each.model, kind, *(f"{angle:.2f}" for angle in (*angles["surface"], *angles["mesh"]))])
+    names = ["median", "90 %", "99 %", "largest"]
+    head_bent = ["model", "edges", *names, *(f"mesh, {name}" for name in names)]
+    return f"""## The representation
+
+The default's representation: evaluating a million random points, and their normals, on one core; the largest change of
+a point by saving and loading, in longest sides.
+
+{table(head, rows)}
+By how many degrees the surface bends at the edges of the mesh (the angle between its normals on both sides), where the
+rim of a patch runs along the edge and elsewhere, beside the angle between the two triangles themselves.  *Creases* are
+edges where these make {CREASE_ANGLE:.0f} degrees and more; on the bunny that is fur.
+
+{table(head_bent, bent)}
+"""
