@@ -1,0 +1,47 @@
+"""Approximate every mesh file of a folder, one after the other; what is refused does not stop the rest.
+
+    blender --background --python examples/approximate_folder.py -- models results --preset fast
+    python examples/approximate_folder.py models results --preset fast
+
+For each file there are, in the second folder: the result as .ply, its heat map as .png and its report as .json.
+Whatever follows the folders goes to `sparse_surface approximate` as it is.  On a render farm each machine can take
+files of its own: --part 2/5 is the second of five.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import extension
+
+KINDS = {".obj", ".ply", ".stl", ".blend", ".glb", ".gltf", ".usd", ".abc"}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Approximate every mesh file of a folder.")
+    parser.add_argument("models", type=Path, help="folder with mesh files")
+    parser.add_argument("results", type=Path, help="folder for the results, made where it is missing")
+    parser.add_argument("--part", default="1/1", metavar="I/N", help="the I-th of N shares of the files")
+    options, settings = parser.parse_known_args(extension.arguments())
+    command_line = importlib.import_module(extension.package().__name__ + ".cli")
+    number, parts = (int(text) for text in options.part.split("/"))
+    files = sorted(file for file in options.models.iterdir() if file.suffix.lower() in KINDS)
+    options.results.mkdir(parents=True, exist_ok=True)
+    refused = []
+    own = files[number - 1 :: parts]
+    for file in own:
+        made = options.results / file.stem
+        outputs = ["-o", f"{made}.ply", "--report", f"{made}.json", "--heatmap", f"{made}.png"]
+        if command_line.main(["approximate", str(file), *outputs, *settings]) != 0:
+            refused.append(file.name)
+    print(f"{len(own) - len(refused)} approximated" + (f", refused: {', '.join(refused)}" if refused else ""))
+    return 1 if refused else 0
+
+
+if __name__ == "__main__":
+    # Blender goes on after a script; sys.exit ends it with the code.
+    sys.exit(main())
