@@ -213,7 +213,7 @@ def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, p
     pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
     # the largest gain that the best of so many functions has on noise alone
     worth = 2.0 * np.log(np.maximum(allowed.sum(axis=1), 2)) * batch.noise
-    support = pursue(gram, correlation, min(sparsity, int(allowed.sum(axis=1).max())), allowed, worth=worth)
+    support = pursue(gram, correlation, _most(batch, allowed, sparsity), allowed, worth=worth)
     return least_squares(batch, dictionary, domain, support)
 
 
@@ -221,7 +221,7 @@ def select_validated(batch: Batch, dictionary: Dictionary, domain: Array, sparsi
     """Choose the functions, and how many of them each signal needs, by cross-validation."""
     weighted, values = _weighted(batch, dictionary, domain)
     allowed = _allowed(batch, dictionary)
-    most = min(sparsity, int(allowed.sum(axis=1).max()))
+    most = _most(batch, allowed, sparsity)
     wanted = validated_sparsity(weighted, values, most, allowed)
     gram, correlation = _normal_equations(weighted, values)
     support = np.full((*wanted.shape, most), -1, dtype=np.int64)
@@ -248,6 +248,11 @@ def _normal_equations(functions: Array, values: Array) -> tuple[Array, Array]:
 def _allowed(batch: Batch, dictionary: Dictionary) -> NDArray[np.bool_]:
     """Functions that each problem may use, (B, n)."""
     return dictionary.degrees.sum(axis=1) <= batch.degrees[:, None]
+
+
+def _most(batch: Batch, allowed: NDArray[np.bool_], sparsity: int) -> int:
+    """How many functions a signal can use: no more than there are observations, beyond which all depend on others."""
+    return min(sparsity, int(allowed.sum(axis=1).max()), batch.values.shape[-1])
 
 
 def _generalises(fit: Fit) -> Array:
