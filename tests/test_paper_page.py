@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from sparse_surface.solver import Settings
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 if str(CHECKOUT / "scripts") not in sys.path:
@@ -18,6 +20,7 @@ if str(CHECKOUT / "scripts") not in sys.path:
 from paper_figures import FIGURES  # noqa: E402
 from paper_figures.measurements import MEASURED, Notebook  # noqa: E402
 from paper_figures.report import PAGE, page  # noqa: E402
+from paper_figures.scalar import bent_crease, fit, grid_patch  # noqa: E402
 
 
 @pytest.fixture
@@ -97,3 +100,37 @@ def test_a_notebook_keeps_sections_apart(tmp_path: Path) -> None:
     notebook.clear("two")
     assert notebook.read() == {"one": {"a x": 4}}
     assert [path.name for path in tmp_path.iterdir()] == ["measured.json"]
+
+
+# -------------------------------------------------------------------------------------------------------- scalar data
+
+
+def test_scalar_data_lie_over_a_triangulation_of_the_square() -> None:
+    patch = grid_patch(bent_crease)
+    a, b, c = (patch.domain[patch.triangles[:, k]] for k in range(3))
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert area.min() > 0.0
+    assert area.sum() == pytest.approx(4.0)
+    np.testing.assert_array_equal(patch.values, bent_crease(*patch.domain.T))
+
+
+def test_a_traditional_fit_is_the_least_squares_fit_of_the_functions_it_chose() -> None:
+    patch = grid_patch(bent_crease, side=13)
+    fitted = fit(patch, Settings(method="traditional", degree=8, sparsity=6))
+    degrees = fitted.dictionary.degrees[fitted.support]
+    assert len(degrees) == 6
+    columns = np.stack([patch.domain[:, 0] ** i * patch.domain[:, 1] ** j for i, j in degrees], axis=1)
+    assert [0, 0] in degrees.tolist()  # so that it does not matter from where values are counted
+    expected = columns @ np.linalg.lstsq(columns, patch.values, rcond=None)[0]
+    np.testing.assert_allclose(fitted.values, expected, atol=1e-9)
+
+
+def test_the_polynomial_of_a_fit_has_its_values_and_the_default_fits_the_crease_far_better() -> None:
+    patch = grid_patch(bent_crease, side=13)
+    fits = [fit(patch, Settings(method=method)) for method in ("traditional", "default")]
+    for fitted in fits:
+        np.testing.assert_allclose(fitted.polynomial(fitted.domain), fitted.values)
+        assert fitted.final_rms == pytest.approx(np.sqrt(((fitted.values - patch.values) ** 2).mean()))
+        assert fitted.flips == 0
+    np.testing.assert_allclose(fits[0].domain, patch.domain, atol=1e-12)
+    assert fits[1].final_rms < 0.2 * fits[0].final_rms

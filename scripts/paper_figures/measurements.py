@@ -10,6 +10,7 @@ import json
 import os
 import time
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,15 +39,19 @@ METHODS = {
 """Name of a run in the notebook -> its settings."""
 
 
+@cache
 def unit() -> float:
-    """Return the seconds of processor time of one product of 1000 x 1000 matrices, in which times are told."""
+    """Return the seconds of processor time of one product of 1000 x 1000 matrices, in which times are told.
+
+    The shortest of several: whatever else the machine does only makes it longer.
+    """
     matrix = np.random.default_rng(0).random((1000, 1000))
     times = []
-    for _ in range(5):
+    for _ in range(15):
         start = time.process_time()
         _ = matrix @ matrix
         times.append(time.process_time() - start)
-    return float(np.median(times))
+    return min(times)
 
 
 def timed_approximate(vertices: Any, faces: Any, settings: Settings) -> tuple[Approximation, float]:
