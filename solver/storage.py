@@ -44,6 +44,10 @@ LARGEST_HEADER = 1024
 LARGEST_DEFLATION = 1040
 """No deflated file shrinks further than 1032 to 1; more is a forged size."""
 
+LARGEST_EXPANSION, SMALL = 100, 1_000_000
+"""All arrays together are at most so many times as large as the file, beyond so many bytes.  Ten times is the most that
+a perfectly regular mesh comes to; more was made to fill the memory."""
+
 LARGEST_VALUES = {
     "vertices": 1e60,
     "domains": 1e4,
@@ -274,6 +278,9 @@ def _read_layers(archive: zipfile.ZipFile) -> Stored:
         for size, expected in zip(shape, layer.shape, strict=True):
             known = expected if isinstance(expected, int) else sizes.setdefault(expected, size)
             _demand(size == known, f"{name} has a size of {size} where {known} is expected")
+    expanded = sum(entry.file_size for entry in entries.values())
+    packed = sum(entry.compress_size for entry in entries.values())
+    _demand(expanded <= SMALL + LARGEST_EXPANSION * packed, "it would fill the memory with repetitions")
     _demand(sizes["patches + 1"] == sizes["patches"] + 1, "the numbers of patches differ")
     _demand(sizes["domains"] in (1, 3), f"it has {sizes['domains']} domains for each patch")
     return {name: _read_array(archive, entries[f"{name}.npy"]) for name in LAYERS}

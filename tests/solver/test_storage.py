@@ -283,6 +283,25 @@ def test_sizes_are_compared_before_anything_is_allocated() -> None:
         tracemalloc.stop()
 
 
+def test_repetitions_do_not_fill_the_memory() -> None:
+    """Arrays that are all there, of sizes that agree, but made of nothing: 480 MB in a file of half of one."""
+    arrays = arrays_of(saved())
+    count = 20_000_000
+    file = io.BytesIO(archive_of({name: array for name, array in arrays.items() if name != "vertices"}))
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d, 3), }" % count
+    header += b" " * (117 - len(header)) + b"\n"
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive, archive.open("vertices.npy", "w") as stream:
+        stream.write(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+        for _ in range(24):
+            stream.write(bytes(count))
+    tracemalloc.start()
+    try:
+        assert "repetitions" in refusal(file.getvalue())
+        assert tracemalloc.get_traced_memory()[1] < 10e6
+    finally:
+        tracemalloc.stop()
+
+
 def loads_as_before_or_refuses(data: bytes) -> None:
     try:
         loaded = from_bytes(data, "'a.npz'")
@@ -325,6 +344,43 @@ def test_forged_values_are_refused_or_can_be_evaluated(data: st.DataObject) -> N
         return
     assert np.isfinite(points_of(loaded)).all()
     assert np.isfinite(loaded.at_vertices()).all()
+
+
+@given(
+    layer=st.sampled_from(["vertices", "weights", "domains", "support", "face_offsets", "head"]),
+    kind=st.sampled_from(["<f8", "<f4", "<i4", "|O", "|S9", "<c16", "|u1", "[('a','<f8')]"]),
+    shape=st.lists(st.integers(0, 10**12), max_size=4),
+    fortran=st.booleans(),
+    claimed=st.none() | st.integers(0, 2**32 - 2),
+)
+def test_forged_headers_are_refused_without_allocating(
+    layer: str, kind: str, shape: list[int], fortran: bool, claimed: int | None
+) -> None:
+    """An array's own header that promises anything, with or without a directory that agrees."""
+    header = f"{{'descr': '{kind}', 'fortran_order': {fortran}, 'shape': {tuple(shape)}, }}".encode()
+    header += b" " * (-(len(header) + 11) % 64) + b"\n"
+    array = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + b"\0" * 40
+    file = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(saved())) as source, zipfile.ZipFile(file, "w") as archive:
+        for entry in source.infolist():
+            archive.writestr(entry, array if entry.filename == f"{layer}.npy" else source.read(entry))
+    data = bytearray(file.getvalue())
+    if claimed is not None:
+        place = next(m.start() for m in re.finditer(b"PK\x01\x02.{42}" + layer.encode() + b".npy", data, re.DOTALL))
+        data[place + 24 : place + 28] = claimed.to_bytes(4, "little")
+    tracemalloc.start()
+    try:
+        refusal(bytes(data))
+        assert tracemalloc.get_traced_memory()[1] < 2e6
+    finally:
+        tracemalloc.stop()
+
+
+@given(place=st.integers(0, 2**40), bit=st.integers(0, 7))
+def test_a_flipped_bit_is_noticed_or_harmless(place: int, bit: int) -> None:
+    content = bytearray(saved())
+    content[place % len(content)] ^= 1 << bit
+    loads_as_before_or_refuses(bytes(content))
 
 
 @given(st.binary(max_size=200) | st.binary(max_size=200).map(lambda tail: b"PK\x03\x04" + tail))
