@@ -29,6 +29,7 @@ from .result_object import (
     STRETCH,
     result_name,
 )
+from .sharp_edges import mark_sharp
 
 # Layers of every result: name, type, domain, and how values are handed to `foreach_set`.
 _LAYERS = (
@@ -65,6 +66,8 @@ class Result(Protocol):
     def representation(self) -> Stored: ...
     @property
     def history(self) -> NDArray[np.floating[Any]] | None: ...
+    @property
+    def creases(self) -> NDArray[np.integer[Any]] | None: ...
 
 
 @dataclass(frozen=True)
@@ -263,6 +266,8 @@ def create_result(
         DOMAIN_STRETCH: result.domain_stretch,
     }
     write_layers(mesh, layers)
+    if result.creases is not None:
+        mark_sharp(mesh, result.creases)
     made[REPORT] = json.loads(json.dumps(result.report))  # plain values only, as Blender stores them
     store_representation(made, result.representation.stored, source.lengths)
     store_scale(made, scale)

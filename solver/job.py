@@ -105,6 +105,7 @@ class Outcome:
     report: dict[str, Any]
     representation: StoredRepresentation
     history: NDArray[np.float32] | None = None
+    creases: NDArray[np.int64] | None = None
 
 
 _INPUT_ARRAYS = {
@@ -115,7 +116,8 @@ _RESULT_ARRAYS = {
     "mesh": ("vertices", "error", "patch", "domain_stretch"),
     "cloud": ("vertices", "corners", "sizes", "error", "patch", "domain_stretch", "point_error", "point_weight"),
 }
-_HISTORY = "result_history.npy"
+_OPTIONAL_ARRAYS = {"mesh": {"history": np.float32, "creases": np.int64}, "cloud": {}}
+"""What a result may have, and the type in which it travels."""
 
 
 def solve_arrays(arrays: MeshArrays | CloudArrays, settings: Settings) -> Steps[Approximation] | Steps[CloudOutcome]:
@@ -246,9 +248,9 @@ class Job:
         stored = StoredRepresentation((self.folder / "representation.npz").read_bytes())
         if self._kind == "cloud":
             return CloudOutcome(**arrays, splits=done["splits"], report=done["report"], representation=stored)
-        kept = self.folder / _HISTORY
-        history = np.load(kept, allow_pickle=False) if kept.exists() else None
-        return Outcome(**arrays, report=done["report"], representation=stored, history=history)
+        kept = {name: self.folder / f"result_{name}.npy" for name in _OPTIONAL_ARRAYS[self._kind]}
+        arrays |= {name: np.load(path, allow_pickle=False) for name, path in kept.items() if path.exists()}
+        return Outcome(**arrays, report=done["report"], representation=stored)
 
     def _reason_of_death(self) -> str:
         with open(self.folder / "log.txt", "rb") as log:
@@ -302,8 +304,10 @@ def _run(folder: Path, send: Callable[..., None], requests: _Requests) -> None:
     result = run_to_end(steps, _Reporter(folder, send, requests, job["previews"]))
     for name in _RESULT_ARRAYS[job["kind"]]:
         np.save(folder / f"result_{name}.npy", getattr(result, name), allow_pickle=False)
-    if result.history is not None:
-        np.save(folder / _HISTORY, result.history.astype(np.float32), allow_pickle=False)
+    for name, kind in _OPTIONAL_ARRAYS[job["kind"]].items():
+        array = getattr(result, name)
+        if array is not None:
+            np.save(folder / f"result_{name}.npy", array.astype(kind), allow_pickle=False)
     result.representation.save(folder / "representation.npz")
     done = {"report": result.report, "splits": getattr(result, "splits", 1)}
     (folder / "report.json").write_text(json.dumps(done), encoding="utf-8")

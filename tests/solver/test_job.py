@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from sparse_surface.solver import FINISH, Settings, approximate
 from sparse_surface.solver.job import Job, MeshArrays, approximate_arrays
+from sparse_surface.solver.models import cube
 from sparse_surface.solver.progress import Progress, run_to_end
 
 QUICK = Settings(iterations=2, sweeps=0, workers=1)
@@ -119,6 +120,28 @@ def test_no_previews_unless_asked_for(job: Job) -> None:
     job.start(creased_grid(24), QUICK)
     wait(job, steps.append)
     assert all(step.vertices is None for step in steps)
+
+
+def test_what_was_asked_for_besides_comes_along(job: Job) -> None:
+    vertices, faces = cube(6)
+    count = len(faces)
+    arrays = MeshArrays(
+        vertices=vertices.astype(np.float32),
+        corners=faces.ravel().astype(np.int32),
+        sizes=np.full(count, 3, dtype=np.int32),
+        triangles=faces.astype(np.int32),
+        triangle_polygons=np.arange(count, dtype=np.int32),
+    )
+    settings = Settings(iterations=6, sweeps=0, workers=1, ring=4, mark_creases=True, keep_iterations=True)
+    job.start(arrays, settings)
+    wait(job)
+    assert job.outcome is not None, job.failure
+    here = run_to_end(approximate_arrays(arrays, settings))
+    assert here.creases is not None
+    assert here.history is not None
+    assert len(here.creases) > 20
+    assert np.array_equal(job.outcome.creases, here.creases)
+    assert np.array_equal(job.outcome.history, here.history.astype(np.float32))
 
 
 def test_refusal_is_one_sentence(job: Job) -> None:

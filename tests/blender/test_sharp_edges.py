@@ -1,0 +1,53 @@
+"""Creases that the optimisation found become sharp edges of the result."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from bl_ext.user_default.sparse_surface.operators.sharp_edges import mark_sharp
+from bl_ext.user_default.sparse_surface.solver.models import cube
+
+sys.path.insert(0, str(Path(__file__).parent))
+import scenes
+
+QUICK = {"ring": 4, "iterations": 8, "sweeps": 0, "workers": 1}
+
+
+def sharp_edges(mesh):
+    """Return the middles of the sharp edges, (E, 3)."""
+    where = [[mesh.vertices[k].co for k in edge.vertices] for edge in mesh.edges if edge.use_edge_sharp]
+    return np.array(where, dtype=float).reshape(-1, 2, 3).mean(axis=1)
+
+
+def test_edges_are_marked_whichever_way_round_and_others_stay_as_they_are():
+    sheet = scenes.creased_sheet(4).data
+    edge, other = sheet.edges[3], sheet.edges[7]
+    other.use_edge_sharp = True
+    first, second = edge.vertices
+    mark_sharp(sheet, np.array([[second, first], [0, 15]]))
+    assert [k for k, each in enumerate(sheet.edges) if each.use_edge_sharp] == [3, 7]
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_the_creases_of_a_cube(marked):
+    vertices, faces = cube(8)
+    source = scenes.mesh_object("Cube", vertices, faces.tolist())
+    settings = bpy.context.scene.sparse_surface
+    settings.mark_creases = marked
+    for name, value in QUICK.items():
+        setattr(settings, name, value)
+    bpy.ops.sparse_surface.approximate()
+    found = sharp_edges(bpy.context.object.data)
+    assert not len(sharp_edges(source.data))
+    if not marked:
+        assert not len(found)
+        return
+    half = np.abs(vertices).max()
+    # an edge of the cube lies where two coordinates are at their largest
+    at_crease = (np.isclose(np.abs(found), half, atol=0.1 * half).sum(axis=1) >= 2).mean()
+    assert at_crease > 0.9
+    assert len(found) > 0.7 * 12 * 8
