@@ -128,9 +128,9 @@ def test_what_was_asked_for_besides_comes_along(job: Job) -> None:
     arrays = MeshArrays(
         vertices=vertices.astype(np.float32),
         corners=faces.ravel().astype(np.int32),
-        sizes=np.full(count, 3, dtype=np.int32),
-        triangles=faces.astype(np.int32),
-        triangle_polygons=np.arange(count, dtype=np.int32),
+        sizes=np.full(count, 4, dtype=np.int32),
+        triangles=np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]]).astype(np.int32),
+        triangle_polygons=np.tile(np.arange(count, dtype=np.int32), 2),
     )
     settings = Settings(iterations=6, sweeps=0, workers=1, ring=4, mark_creases=True, keep_iterations=True)
     job.start(arrays, settings)
