@@ -63,6 +63,8 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_approximate(commands)
     _add_evaluate(commands)
+    _add_inspect(commands)
+    _add_compare(commands)
     _add_benchmark(commands)
     return parser
 
@@ -91,6 +93,42 @@ def _add_evaluate(commands: Any) -> None:
     parser.add_argument("--resample", type=positive_number, default=1, metavar="N", help=RESAMPLE_HELP)
     parser.add_argument("-o", "--output", type=output_path, required=True, metavar="OUTPUT", help="file for the mesh")
     parser.set_defaults(work=evaluate_file)
+
+
+def _add_inspect(commands: Any) -> None:
+    parser = commands.add_parser(
+        "inspect",
+        help="look at one patch of a saved representation",
+        description="List the functions that a patch uses and how its energy fell; write its domains and functions.",
+    )
+    parser.add_argument("representation", type=Path, metavar="REP.npz", help="what --representation wrote")
+    parser.add_argument("--patch", type=int, metavar="K", help="number of the patch; without it all are listed")
+    parser.add_argument("--report", type=output_path, metavar="REPORT.json", help="file for what is listed")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=output_path,
+        metavar="OUTPUT",
+        help="file for the patch, its initial and its optimised domain laid flat, and its functions over the domain",
+    )
+    parser.set_defaults(work=inspect_file)
+
+
+def _add_compare(commands: Any) -> None:
+    parser = commands.add_parser(
+        "compare",
+        help="approximate a mesh by two presets on one colour scale",
+        description="Approximate a mesh twice; the results stand side by side, their errors on one colour scale.",
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="mesh file: .obj .ply .stl .blend .glb ...")
+    names = sorted(PRESETS)
+    parser.add_argument("--first", choices=names, default="default", help="preset of the first result")
+    parser.add_argument("--second", choices=names, default="paper", help="preset of the second result")
+    parser.add_argument("--object", metavar="NAME", help="this object of the file")
+    parser.add_argument("-o", "--output", type=output_path, metavar="OUTPUT", help="file for both results")
+    parser.add_argument("--report", type=output_path, metavar="REPORT.json", help="file for both reports")
+    add_setting_arguments(parser, presets=False)
+    parser.set_defaults(work=compare_file)
 
 
 def _add_benchmark(commands: Any) -> None:
@@ -139,10 +177,11 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--heatmap", type=output_path, metavar="PICTURE.png", help="picture of the error")
 
 
-def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
+def add_setting_arguments(parser: argparse.ArgumentParser, *, presets: bool = True) -> None:
     """Add an argument for each setting, made from the solver's own list, and the presets."""
     group = parser.add_argument_group("settings")
-    group.add_argument("--preset", choices=sorted(PRESETS), help="settings to start from; others change them")
+    if presets:
+        group.add_argument("--preset", choices=sorted(PRESETS), help="settings to start from; others change them")
     for item in dataclasses.fields(Settings):
         flag = "--" + item.name.replace("_", "-")
         text = item.metadata["text"].replace("%", "%%")
@@ -160,12 +199,12 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
             group.add_argument(flag, type=type(item.default), metavar="N", help=help_text, **common)
 
 
-def settings_of(options: argparse.Namespace) -> Settings:
+def settings_of(options: argparse.Namespace, preset: str | None = None) -> Settings:
     """Return the settings: those of the preset, changed by what was given."""
     given = {
         name.removeprefix("setting_"): value for name, value in vars(options).items() if name.startswith("setting_")
     }
-    return Settings(**{**PRESETS[options.preset or "default"], **given})
+    return Settings(**{**PRESETS[preset or options.preset or "default"], **given})
 
 
 def output_path(text: str) -> Path:
@@ -229,6 +268,89 @@ def evaluate_file(options: argparse.Namespace) -> None:
     print(f"{name}: {len(mesh.vertices)} vertices, {len(mesh.polygons)} faces", flush=True)
 
 
+def inspect_file(options: argparse.Namespace) -> None:
+    """Do the command `inspect`."""
+    from .solver.representation import Representation
+
+    check_writable_kinds(options)
+    if options.output is not None and options.patch is None:
+        raise SettingsError("Name a patch with --patch to write it.")
+    surface = Representation.load(options.representation)
+    listed = [
+        _describe_patch(surface, patch)
+        for patch in (range(surface.patches) if options.patch is None else [options.patch])
+    ]
+    for patch in listed:
+        energy = patch["energy"]
+        fell = f", energy {energy[-1]:.3g} of the first iteration's" if energy else ""
+        print(f"patch {patch['patch']}: {patch['vertices']} vertices, {len(patch['functions'])} functions{fell}")
+        for function in patch["functions"] if options.patch is not None else ():
+            amounts = " ".join(f"{amount:12.4e}" for amount in function["amounts"])
+            print(f"  {function['name']:<16} {amounts}")
+    if options.report is not None:
+        _write_json(options.report, listed if options.patch is None else listed[0])
+    if options.output is not None:
+        _write_patch(options, surface)
+
+
+def _describe_patch(surface: Any, patch: int) -> dict[str, Any]:
+    """Return number, vertices, functions with their amounts in x, y and z, and energies of a patch."""
+    from .solver.inspection import patch_energy, patch_terms
+
+    functions = [{"name": term.name, "amounts": list(term.amounts)} for term in patch_terms(surface, patch)]
+    size = int(surface.vertex_offsets[patch + 1] - surface.vertex_offsets[patch])
+    return {"patch": patch, "vertices": size, "functions": functions, "energy": patch_energy(surface, patch)}
+
+
+def _write_patch(options: argparse.Namespace, surface: Any) -> None:
+    import bpy
+    import numpy as np
+
+    from .operators import files, mesh_data
+    from .operators.inspect_patch import lay_out_patch
+
+    bpy.ops.wm.read_homefile(use_empty=True)
+    name = options.representation.stem
+    points = np.ascontiguousarray(surface.at_vertices(), dtype=np.float32)
+    mesh = mesh_data.create_mesh(name, points, surface.face_corners, np.diff(surface.face_offsets))
+    holder = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(holder)
+    shown = lay_out_patch(bpy.context, holder, surface, options.patch)
+    files.write_meshes(options.output, shown)
+
+
+def compare_file(options: argparse.Namespace) -> None:
+    """Do the command `compare`."""
+    if options.first == options.second:
+        raise SettingsError("Choose two presets that differ.")
+    settings = [settings_of(options, preset) for preset in (options.first, options.second)]
+    check_writable_kinds(options)
+    import bpy
+
+    from .operators import files, mesh_data
+    from .operators.colour_ramp import ColourScale
+    from .operators.compare_methods import make_pair
+    from .solver.errors import InputError
+    from .solver.job import approximate_arrays
+
+    found = _chosen(files.read_meshes(options.input), options.object)
+    if len(found) > 1:
+        raise InputError(f"The file has {len(found)} meshes; name one of them with --object.")
+    read = mesh_data.read_object(found[0], bpy.context.evaluated_depsgraph_get())
+    titles = [options.first, options.second]
+    done = []
+    for title, chosen in zip(titles, settings, strict=True):
+        with progress_display(title) as show:
+            done.append((read, run_to_end(approximate_arrays(read.arrays, chosen), show)))
+        print(summary(title, done[-1][1].report), flush=True)
+    largest = max(float(result.error.max(initial=0.0)) for _, result in done)
+    made = make_pair(bpy.context, done, [title.title() for title in titles], ColourScale(0.0, largest), beside=True)
+    if options.report is not None:
+        _write_json(options.report, {title: result.report for title, (_, result) in zip(titles, done, strict=True)})
+    if options.output is not None:
+        files.write_meshes(options.output, made)
+
+
 def approximate_file(options: argparse.Namespace) -> None:
     """Do the command `approximate`."""
     settings = settings_of(options)
@@ -271,19 +393,24 @@ def check_writable_kinds(options: argparse.Namespace) -> None:
 def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
     """Write the files that were asked for, each complete or not at all."""
     from .operators import files
-    from .operators.drafts import beside
 
     if options.output is not None:
         files.write_meshes(options.output, [_resampled(each.result, options.resample) for each in made])
     if options.report is not None:
         report = made[0].report if len(made) == 1 else {each.source.name: each.report for each in made}
-        with beside(options.report) as draft:
-            draft.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        _write_json(options.report, report)
     for each in made:
         if options.representation is not None:
             each.representation.save(_of_object(options.representation, each, made))
     if options.heatmap is not None:
         _render_heat_maps(options, made)
+
+
+def _write_json(path: Path, values: Any) -> None:
+    from .operators.drafts import beside
+
+    with beside(path) as draft:
+        draft.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
 
 
 def _resampled(result: Any, splits: int | None) -> Any:

@@ -17,6 +17,7 @@ from .result_object import cut_name
 from .solving import Solved, Solving, Task, read_sources, scene_settings
 
 if TYPE_CHECKING:
+    from .colour_ramp import ColourScale
     from .mesh_data import Result
 
 SPACE = 0.15
@@ -76,21 +77,39 @@ def chosen_settings(context: Context, choice: str) -> Settings:
 def _make_pair(context: Context, done: Sequence[Solved]) -> list[Object]:
     import numpy as np
 
-    from . import mesh_data
-
     comparison = context.scene.sparse_surface.comparison
     scale = colour_scale(context.scene, np.concatenate([result.error for _, result in done]))
+    choices = (comparison.first, comparison.second)
+    titles = [_title(choice, result) for choice, (_, result) in zip(choices, done, strict=True)]
+    made = make_pair(context, done, titles, scale, beside=comparison.beside)
+    _fix_range(context, scale.high)
+    return made
+
+
+def make_pair(
+    context: Context, done: Sequence[Solved], titles: Sequence[str], scale: ColourScale, *, beside: bool
+) -> list[Object]:
+    """Make the result objects of one source, coloured with one scale and named after `titles`.
+
+    With `beside` they stand at the source's right; otherwise where the source stands.
+
+    Raises
+    ------
+    SparseSurfaceError
+        When the source was removed or edited since it was read.
+    """
+    from . import mesh_data
+
     made = []
-    for place, ((source, result), choice) in enumerate(zip(done, (comparison.first, comparison.second), strict=True)):
+    for place, ((source, result), title) in enumerate(zip(done, titles, strict=True)):
         shown = mesh_data.create_result(context, source, result, scale)
-        shown.name = cut_name(shown.name, f" {place + 1} {_title(choice, result)}")
+        shown.name = cut_name(shown.name, f" {place + 1} {title}")
         shown.data.name = shown.name
-        if comparison.beside:
+        if beside:
             width = _width(context, shown)
             shift = Vector(((place + 1) * (1.0 + SPACE) * width, 0.0, 0.0))
             shown.matrix_world = Matrix.Translation(shift) @ shown.matrix_world
         made.append(shown)
-    _fix_range(context, scale.high)
     return made
 
 

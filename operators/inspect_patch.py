@@ -127,21 +127,39 @@ def inspect_patch(context: Context, holder: Object, patch: int) -> list[Object]:
     SparseSurfaceError
         When the object holds no representation, its mesh was edited, or there is no such patch.
     """
-    from ..solver import inspection
+    from ..solver.inspection import patch_terms
     from . import stored_representation
 
     representation = stored_representation.read(holder)
+    # What is refused is refused before anything is cleared away.
+    stored_representation.placement(holder, representation)
+    patch_terms(representation, patch)
+    clear_inspection(context)
+    shown = lay_out_patch(context, holder, representation, patch)
+    _note(context, holder, representation, patch)
+    return shown
+
+
+def lay_out_patch(context: Context, holder: Object, representation: Representation, patch: int) -> list[Object]:
+    """Make the objects that show a patch of the representation of `holder`.
+
+    Raises
+    ------
+    SparseSurfaceError
+        When the object's mesh is not that of the representation, or there is no such patch.
+    """
+    from ..solver import inspection
+    from . import stored_representation
+
     place = stored_representation.placement(holder, representation)
     coarse = inspection.patch_sheet(representation, patch)
     fine = inspection.patch_sheet(representation, patch, FINE_SPLITS)
-    clear_inspection(context)
     collection = _collection(context)
     shown = _Shown(holder, patch, collection, _triangle_colours(representation, patch))
     on_surface = shown.add("", place.to_local(fine.values), fine)
     on_surface.matrix_world = holder.matrix_world
     on_surface.show_in_front = True
     _lay_out(shown, coarse, fine, context)
-    _note(context, holder, representation, patch)
     return list(collection.objects)
 
 

@@ -279,6 +279,52 @@ def test_resampling_and_evaluating_a_saved_representation(model: Path, tmp_path:
     assert np.allclose(evaluated, vertices, atol=5e-6)
 
 
+def test_a_patch_can_be_looked_at(model: Path, tmp_path: Path) -> None:
+    rep, listed, out = tmp_path / "rep.npz", tmp_path / "patch.json", tmp_path / "patch.blend"
+    done = run("approximate", model, "--representation", rep, "--ring", "4", *QUICK)
+    assert done.returncode == 0, done.stderr
+    count = len(run("inspect", rep).stdout.splitlines())
+    done = run("inspect", rep, "--patch", "1", "--report", listed, "-o", out)
+    assert done.returncode == 0, done.stderr
+    patch = json.loads(listed.read_text())
+    assert 0 < len(patch["functions"]) <= 45
+    assert patch["energy"][0] == 1.0 > patch["energy"][-1]
+    assert done.stdout.startswith(f"patch 1: {patch['vertices']} vertices, {len(patch['functions'])} functions")
+    for function in patch["functions"]:
+        assert function["name"] in done.stdout
+    look = (
+        "import bpy, sys\n"
+        "bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
+        "print(sorted(o.name for o in bpy.data.objects if o.name.startswith('Patch')))\n"
+    )
+    seen = subprocess.run([sys.executable, "-c", look, str(out)], check=True, capture_output=True, text=True)
+    for what in ("Initial Domain", "Optimised Domain", "x(u, v)", "y(u, v)", "z(u, v)"):
+        assert f"'Patch 1 {what}'" in seen.stdout
+    assert run("inspect", rep, "-o", out).returncode == 2
+    refused = run("inspect", rep, "--patch", str(count))
+    assert refused.returncode == 1
+    assert f"from 0 to {count - 1}" in refused.stderr
+
+
+def test_two_presets_are_compared_on_one_scale(model: Path, tmp_path: Path) -> None:
+    out, report = tmp_path / "both.blend", tmp_path / "both.json"
+    done = run(
+        "compare", model, "--second", "fast", "--ring", "4", *QUICK, "--sparsity", "6", "-o", out, "--report", report
+    )
+    assert done.returncode == 0, done.stderr
+    reports = json.loads(report.read_text())
+    assert {name: each["settings"]["ring"] for name, each in reports.items()} == {"default": 4, "fast": 4}
+    look = (
+        "import bpy, sys\n"
+        "bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
+        "made = [o for o in bpy.data.objects if 'sparse_surface' in o]\n"
+        "print(sorted(o.name for o in made), len({tuple(o['error_color_range']) for o in made}))\n"
+    )
+    seen = subprocess.run([sys.executable, "-c", look, str(out)], check=True, capture_output=True, text=True)
+    assert "['model Sparse Surface 1 Default', 'model Sparse Surface 2 Fast'] 1" in seen.stdout
+    assert run("compare", model, "--first", "fast", "--second", "fast").returncode == 2
+
+
 def test_representations_that_are_none_are_refused(tmp_path: Path) -> None:
     for name, content in (("cut.npz", b"PK\x03\x04"), ("text.npz", b"hello")):
         (tmp_path / name).write_bytes(content)
