@@ -69,9 +69,11 @@ def improve(
     coefficients fitted anew, counts as an iterate: no problem ends with more energy than that.
     """
     iteration = Iteration(batch, dictionary, settings, domain, batch.values)
-    # The patches may have been fitted beside others that can use more functions; what is cut off names none.
-    support = support[..., : iteration.fit.support.shape[-1]]
-    iteration.take(least_squares(batch, dictionary, domain, support))
+    # The patches may have been fitted beside others that can use more functions, or fewer; what is cut off names none.
+    held = np.full_like(iteration.fit.support, -1)
+    width = min(held.shape[-1], support.shape[-1])
+    held[..., :width] = support[..., :width]
+    iteration.take(least_squares(batch, dictionary, domain, held))
     return iteration.run(iterations)
 
 
