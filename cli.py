@@ -8,13 +8,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import importlib.util
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from .solver.cloud_settings import CloudSettings
 from .solver.errors import SettingsError, SparseSurfaceError
 from .solver.progress import Progress, run_to_end
 from .solver.settings import PRESETS, Settings
@@ -23,6 +25,16 @@ from .solver.version import VERSION
 DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130
 
 PROGRAM = "sparse_surface"
+
+MESH_ONLY = (
+    "denoise",
+    "denoise_strength",
+    "mark_creases",
+    "noise_level",
+    "observations",
+    "pin_boundary",
+)
+"""Settings that only say something about meshes."""
 
 RESAMPLE_HELP = "split every edge of the result into N and evaluate the surface there"
 
@@ -62,6 +74,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_approximate(commands)
+    _add_reconstruct(commands)
     _add_evaluate(commands)
     _add_inspect(commands)
     _add_compare(commands)
@@ -81,6 +94,34 @@ def _add_approximate(commands: Any) -> None:
     parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
     add_setting_arguments(parser)
     parser.set_defaults(work=approximate_file)
+
+
+def _add_reconstruct(commands: Any) -> None:
+    parser = commands.add_parser(
+        "reconstruct",
+        help="make a surface of the points of a file",
+        description="Make a surface of a point cloud; lengths are in the file's unit.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument(
+        "input", type=Path, metavar="POINTS", help="file with points: .ply .obj .xyz and what Blender reads"
+    )
+    base = parser.add_mutually_exclusive_group()
+    base.add_argument("--base", type=Path, metavar="BASE", help="file with a coarse mesh near the points")
+    base.add_argument(
+        "--base-vertices",
+        type=positive_number,
+        metavar="N",
+        help="vertices of the base that is made from the points where none is given (default: one for 60 points)",
+    )
+    add_output_arguments(parser)
+    parser.add_argument("--object", metavar="NAME", help="take only this object's points")
+    group = parser.add_argument_group("points")
+    for item in dataclasses.fields(CloudSettings):
+        _add_setting(group, item, "cloud")
+    own = {item.name for item in dataclasses.fields(CloudSettings)}
+    add_setting_arguments(parser, leave_out=own | set(MESH_ONLY))
+    parser.set_defaults(work=reconstruct_file)
 
 
 def _add_evaluate(commands: Any) -> None:
@@ -177,34 +218,43 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--heatmap", type=output_path, metavar="PICTURE.png", help="picture of the error")
 
 
-def add_setting_arguments(parser: argparse.ArgumentParser, *, presets: bool = True) -> None:
+def add_setting_arguments(
+    parser: argparse.ArgumentParser, leave_out: Container[str] = (), *, presets: bool = True
+) -> None:
     """Add an argument for each setting, made from the solver's own list, and the presets."""
     group = parser.add_argument_group("settings")
     if presets:
         group.add_argument("--preset", choices=sorted(PRESETS), help="settings to start from; others change them")
     for item in dataclasses.fields(Settings):
-        flag = "--" + item.name.replace("_", "-")
-        text = item.metadata["text"].replace("%", "%%")
-        # No default of its own: only what is given changes the preset.
-        common: dict[str, Any] = {"default": argparse.SUPPRESS, "dest": f"setting_{item.name}"}
-        if "choices" in item.metadata:
-            choices = item.metadata["choices"]
-            group.add_argument(flag, choices=list(choices), help=f"{text} (default: {item.default})", **common)
-        elif isinstance(item.default, bool):
-            state = "on" if item.default else "off"
-            group.add_argument(flag, action=argparse.BooleanOptionalAction, help=f"{text} (default: {state})", **common)
-        else:
-            low, high = item.metadata["low"], item.metadata["high"]
-            help_text = f"{text} ({low:g} to {high:g}, default: {item.default:g})"
-            group.add_argument(flag, type=type(item.default), metavar="N", help=help_text, **common)
+        if item.name not in leave_out:
+            _add_setting(group, item, "setting")
+
+
+def _add_setting(group: Any, item: dataclasses.Field[Any], kind: str) -> None:
+    """Add the argument of one setting; its value is found under `<kind>_<name>`."""
+    flag = "--" + item.name.replace("_", "-")
+    text = item.metadata["text"].replace("%", "%%")
+    # No default of its own: only what is given changes the preset.
+    common: dict[str, Any] = {"default": argparse.SUPPRESS, "dest": f"{kind}_{item.name}"}
+    if "choices" in item.metadata:
+        choices = item.metadata["choices"]
+        group.add_argument(flag, choices=list(choices), help=f"{text} (default: {item.default})", **common)
+    elif isinstance(item.default, bool):
+        state = "on" if item.default else "off"
+        group.add_argument(flag, action=argparse.BooleanOptionalAction, help=f"{text} (default: {state})", **common)
+    else:
+        low, high = item.metadata["low"], item.metadata["high"]
+        help_text = f"{text} ({low:g} to {high:g}, default: {item.default:g})"
+        group.add_argument(flag, type=type(item.default), metavar="N", help=help_text, **common)
 
 
 def settings_of(options: argparse.Namespace, preset: str | None = None) -> Settings:
     """Return the settings: those of the preset, changed by what was given."""
-    given = {
-        name.removeprefix("setting_"): value for name, value in vars(options).items() if name.startswith("setting_")
-    }
-    return Settings(**{**PRESETS[preset or options.preset or "default"], **given})
+    return Settings(**{**PRESETS[preset or options.preset or "default"], **_given(options, "setting_")})
+
+
+def _given(options: argparse.Namespace, beginning: str) -> dict[str, Any]:
+    return {name.removeprefix(beginning): value for name, value in vars(options).items() if name.startswith(beginning)}
 
 
 def output_path(text: str) -> Path:
@@ -373,6 +423,39 @@ def approximate_file(options: argparse.Namespace) -> None:
     write_outputs(options, made)
 
 
+def reconstruct_file(options: argparse.Namespace) -> None:
+    """Do the command `reconstruct`."""
+    settings, cloud = settings_of(options), CloudSettings(**_given(options, "cloud_"))
+    _require_blender()
+    import bpy
+
+    from .operators import cloud_data, point_files
+    from .operators.colour_ramp import ColourScale
+    from .operators.reconstruct import read_cloud
+    from .solver.cloud_job import reconstruct_arrays
+
+    check_writable_kinds(options)
+    arrays = point_files.read_base(options.base) if options.base else None
+    points = point_files.read_points(options.input, options.object)
+    base = point_files.create_base(*arrays, options.base.stem) if arrays else None
+    source = read_cloud(bpy.context, points, base, options.base_vertices or 0, cloud, options.resample or 0)
+    with progress_display(points.name) as show:
+        result = run_to_end(reconstruct_arrays(source.arrays, settings), show)
+    scale = ColourScale(0.0, float(result.point_error.max(initial=0.0)))
+    surface = cloud_data.create_surface(bpy.context, source, result, scale)
+    print(cloud_summary(points.name, result.report), flush=True)
+    options.resample = None  # the surface has that resolution already
+    write_outputs(options, [Made(points, surface, result.report, result.representation)])
+
+
+def _require_blender() -> None:
+    """Say in a sentence that there is no bpy, where there is none."""
+    from .solver.errors import InputError
+
+    if importlib.util.find_spec("bpy") is None:
+        raise InputError("Files are read with Blender: install its Python module (pip install bpy) or run in Blender.")
+
+
 def check_writable_kinds(options: argparse.Namespace) -> None:
     """Refuse an output that could not be written before hours of work are put into it.
 
@@ -438,19 +521,37 @@ def _render_heat_maps(options: argparse.Namespace, made: list[Made]) -> None:
 
     up = "Y" if options.input.suffix.lower() == ".obj" else "Z"  # what the format's writers agree on
     for each in made:
-        render_heatmap(each.result, _of_object(options.heatmap, each, made), source=each.source, up=up)
+        with _shown_beside(each) as source:
+            render_heatmap(each.result, _of_object(options.heatmap, each, made), source=source, up=up)
+
+
+@contextlib.contextmanager
+def _shown_beside(made: Made) -> Iterator[Any]:
+    """The source; where it is a point cloud, which no renderer shows, an object that looks like it."""
+    if "points" not in made.report["input"]:
+        yield made.source
+        return
+    import bpy
+
+    from .operators import cloud_data
+    from .operators.point_display import create_point_shapes
+
+    points, lengths = cloud_data.read_points(made.source, bpy.context.evaluated_depsgraph_get())
+    spacing = made.report["input"]["spacing"]
+    shapes = create_point_shapes(made.source.name, lengths.to_local(points), spacing)
+    shapes.matrix_world = made.source.matrix_world
+    bpy.context.scene.collection.objects.link(shapes)
+    bpy.context.view_layer.update()
+    try:
+        yield shapes
+    finally:
+        bpy.data.meshes.remove(shapes.data)
 
 
 def _chosen(objects: list[Any], name: str | None) -> list[Any]:
-    from .solver.errors import InputError
+    from .operators.files import named
 
-    if name is None:
-        return objects
-    found = [candidate for candidate in objects if candidate.name == name]
-    if not found:
-        there = ", ".join(f"'{candidate.name}'" for candidate in objects)
-        raise InputError(f"The file has no mesh '{name}', only {there}.")
-    return found
+    return objects if name is None else named(objects, name)
 
 
 def summary(name: str, report: dict[str, Any]) -> str:
@@ -482,6 +583,16 @@ def noise_taken_off(noise: dict[str, Any]) -> str:
     return (
         f"noise of {noise['noise_level']:.3g} ({noise['relative_noise']:.0%} of the mean edge) taken off, "
         f"vertices moved by rms {moved['rms']:.3g}, max {moved['max']:.3g}"
+    )
+
+
+def cloud_summary(name: str, report: dict[str, Any]) -> str:
+    """Return one line about a reconstruction."""
+    surface, relative, size = report["surface_error"], report["relative"], report["input"]
+    return (
+        f"{name}: {size['points']} points over {size['vertices']} vertices, {report['patches']} patches, error "
+        f"rms {surface['rms']:.3g} ({relative['surface_rms']:.2e} of the size), max {surface['max']:.3g} "
+        f"({relative['surface_max']:.2e}), {report['seconds']['total']:.1f} s"
     )
 
 

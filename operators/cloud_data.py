@@ -20,6 +20,7 @@ from .result_object import (
     DOMAIN_STRETCH,
     ERROR,
     ERROR_COLOUR,
+    MADE_FROM,
     PATCH,
     REPORT,
     SPLITS,
@@ -30,6 +31,7 @@ from .result_object import (
 
 if TYPE_CHECKING:
     from ..solver.cloud_job import CloudOutcome
+    from .base_mesh import Base
     from .colour_ramp import ColourScale
 
 
@@ -120,8 +122,18 @@ def read_base(base: Object, points: Object, lengths: WorldLengths, depsgraph: De
     return BaseArrays(lengths.from_local(placed.astype(np.float32)), corners, sizes)
 
 
-def create_surface(context: Context, source: CloudSource, result: CloudOutcome, scale: ColourScale) -> Object:
+def base_arrays(base: Base) -> BaseArrays:
+    """Return a base that was made from points, which is in their axes already."""
+    sizes = np.full(len(base.triangles), 3, dtype=np.int32)
+    return BaseArrays(base.vertices.astype(np.float32), base.triangles.astype(np.int32).ravel(), sizes)
+
+
+def create_surface(
+    context: Context, source: CloudSource, result: CloudOutcome, scale: ColourScale, replace: bool = False
+) -> Object:
     """Make the object of a reconstructed surface, in the place of the points.
+
+    With `replace`, the surface that was made of these points before gets the new mesh instead.
 
     Raises
     ------
@@ -131,10 +143,8 @@ def create_surface(context: Context, source: CloudSource, result: CloudOutcome, 
     points = _points_object(source)
     name = result_name(points.name)
     mesh = mesh_data.create_mesh(name, source.lengths.to_local(result.vertices), result.corners, result.sizes)
-    made = bpy.data.objects.new(name, mesh)
-    mesh_data.link_beside(made, points, context)
-    mesh_data.place_like(made, points)
     _shade_smooth(mesh)
+    made = _object_of(context, points, name, mesh, replace)
     made[REPORT] = json.loads(json.dumps(result.report))  # plain values only, as Blender stores them
     made[SPLITS] = [result.splits, len(result.vertices), len(result.sizes)]
     mesh_data.store_representation(made, result.representation.stored, source.lengths)
@@ -149,15 +159,15 @@ def create_surface(context: Context, source: CloudSource, result: CloudOutcome, 
     return made
 
 
-def create_point_errors(context: Context, source: CloudSource, result: CloudOutcome, scale: ColourScale) -> Object:
+def create_point_errors(
+    context: Context, source: CloudSource, result: CloudOutcome, scale: ColourScale, replace: bool = False
+) -> Object:
     """Make an object of the points alone, each with its error, its colour and its weight."""
     points = _points_object(source)
     name = cut_name(points.name, " Point Errors")
     none = np.zeros(0, dtype=np.int32)
     mesh = mesh_data.create_mesh(name, source.lengths.to_local(source.arrays.points), none, none)
-    made = bpy.data.objects.new(name, mesh)
-    mesh_data.link_beside(made, points, context)
-    mesh_data.place_like(made, points)
+    made = _object_of(context, points, name, mesh, replace)
     weight = mesh.attributes.new(WEIGHT, "FLOAT", "POINT")
     weight.data.foreach_set("value", result.point_weight.astype(np.float32))
     mesh_data.write_layers(mesh, {ERROR: result.point_error, ERROR_COLOUR: scale.colours(result.point_error)})
@@ -165,17 +175,31 @@ def create_point_errors(context: Context, source: CloudSource, result: CloudOutc
     return made
 
 
-def create_base(context: Context, source: CloudSource) -> Object:
+def create_base(context: Context, source: CloudSource, replace: bool = False) -> Object:
     """Make an object of the base that was made from the points."""
     points = _points_object(source)
     name = cut_name(points.name, " Base")
     arrays = source.arrays
     mesh = mesh_data.create_mesh(name, source.lengths.to_local(arrays.base_vertices), arrays.corners, arrays.sizes)
-    made = bpy.data.objects.new(name, mesh)
-    mesh_data.link_beside(made, points, context)
-    mesh_data.place_like(made, points)
+    made = _object_of(context, points, name, mesh, replace)
     made.display_type = "WIRE"
     made.hide_render = True
+    return made
+
+
+def _object_of(context: Context, points: Object, name: str, mesh: Mesh, replace: bool) -> Object:
+    """Put a mesh into a new object in the place of the points, or into the one that was made of them before."""
+    earlier = bpy.data.objects.get(name) if replace else None
+    if earlier is not None and earlier.type == "MESH" and MADE_FROM in earlier and earlier.library is None:
+        made, old, earlier.data = earlier, earlier.data, mesh
+        if old.users == 0:
+            bpy.data.meshes.remove(old)
+        mesh.name = name
+    else:
+        made = bpy.data.objects.new(name, mesh)
+        mesh_data.link_beside(made, points, context)
+    made[MADE_FROM] = points.name
+    mesh_data.place_like(made, points)
     return made
 
 

@@ -91,12 +91,17 @@ READABLE, WRITABLE = tuple(_IMPORTERS), tuple(_EXPORTERS)
 
 
 def read_meshes(path: Path) -> list[Object]:
-    """Read a file into an empty scene and return its mesh objects, sorted by name.
+    """Read a file into an empty scene and return its mesh objects, sorted by name; raises what `read_objects` does."""
+    return read_objects(path, ("MESH",), "mesh")
+
+
+def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
+    """Read a file into an empty scene and return its objects of these kinds, sorted by name.
 
     Raises
     ------
     InputError
-        When the file is not there or holds no mesh.
+        When the file is not there or holds none; `wanted` says of what.
     FileFormatError
         When Blender cannot read it.
     """
@@ -109,10 +114,25 @@ def read_meshes(path: Path) -> list[Object]:
         outcome = _IMPORTERS[path.suffix.lower()](str(path))
     except RuntimeError as error:  # Blender's operators report their errors so
         raise FileFormatError(f"'{path.name}' cannot be read: {_first_line(error)}.") from error
-    meshes = [candidate for candidate in bpy.context.scene.objects if candidate.type == "MESH"]
-    if outcome == {"CANCELLED"} or not meshes:
-        raise InputError(f"'{path.name}' holds no mesh.")
-    return sorted(meshes, key=lambda found: found.name)
+    found = [candidate for candidate in bpy.context.scene.objects if candidate.type in kinds]
+    if outcome == {"CANCELLED"} or not found:
+        raise InputError(f"'{path.name}' holds no {wanted}.")
+    return sorted(found, key=lambda one: one.name)
+
+
+def named(objects: Sequence[Object], name: str) -> list[Object]:
+    """Return the object of this name alone.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    found = [candidate for candidate in objects if candidate.name == name]
+    if not found:
+        there = ", ".join(f"'{candidate.name}'" for candidate in objects)
+        raise InputError(f"The file has no mesh '{name}', only {there}.")
+    return found
 
 
 def write_meshes(path: Path, objects: Sequence[Object]) -> None:

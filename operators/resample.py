@@ -11,7 +11,7 @@ from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
 from . import running
-from .result_object import SCALE, cut_name, has_representation
+from .result_object import SCALE, SPLITS, cut_name, has_representation
 
 if TYPE_CHECKING:
     import numpy as np
@@ -98,16 +98,31 @@ def resample_object(context: Context, holder: Object, splits: int) -> Object:
     finally:
         manager.progress_end()
     name = cut_name(holder.name, " Resampled")
-    mesh = mesh_data.create_mesh(
-        name, place.to_local(resampled.vertices), resampled.corners, resampled.sizes, layers.loose_edges(holder.data)
-    )
+    on_source = SPLITS not in holder  # a reconstructed surface is finer than what its representation stands on
+    loose = layers.loose_edges(holder.data) if on_source else None
+    local = place.to_local(resampled.vertices)
+    mesh = mesh_data.create_mesh(name, local, resampled.corners, resampled.sizes, loose)
     made = bpy.data.objects.new(name, mesh)
     mesh_data.link_beside(made, holder, context)
     mesh_data.place_like(made, holder)
-    layers.interpolate_layers(holder, made, resampled)
-    error = np.linalg.norm(resampled.vertices - resampled.at_vertices.linear(representation.vertices), axis=1)
+    if on_source:
+        layers.interpolate_layers(holder, made, resampled)
+        error = np.linalg.norm(resampled.vertices - resampled.at_vertices.linear(representation.vertices), axis=1)
+    else:
+        error = _nearest_errors(holder, local)
     mesh_data.write_error(made, error, _colours_like(holder, context, error))
     return made
+
+
+def _nearest_errors(holder: Object, local: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Errors at positions on a reconstructed surface: those of the nearest vertices of its mesh."""
+    import numpy as np
+    from scipy.spatial import cKDTree
+
+    from . import mesh_data
+
+    nearest = cKDTree(mesh_data.read_positions(holder.data)).query(local)[1]
+    return mesh_data.read_error(holder.data)[nearest].astype(np.float64)
 
 
 def _colours_like(holder: Object, context: Context, error: NDArray[np.float64]) -> ColourScale:

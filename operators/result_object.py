@@ -23,6 +23,9 @@ SPLITS = "sparse_surface_splits"
 """Custom property of a reconstructed surface, whose mesh is finer than the representation's: into how many parts every
 edge was split, and the numbers of vertices and faces that this gave."""
 
+MADE_FROM = "sparse_surface_made_from"
+"""Custom property of the objects of a reconstruction: the name of the points' object."""
+
 PREVIEW = "sparse_surface_preview"
 """Custom property of an object that shows a surface while it is being solved."""
 

@@ -15,7 +15,7 @@ from ..solver.errors import InputError
 from ..solver.representation import Representation
 from ..solver.storage import from_bytes
 from . import mesh_data
-from .result_object import REPRESENTATION, STRETCH
+from .result_object import REPRESENTATION, SPLITS, STRETCH
 
 NEAR = 1e-5
 """Distance, in longest sides, within which a vertex is where the representation puts it."""
@@ -71,6 +71,8 @@ def placement(holder: Object, representation: Representation) -> Placement:
     edited = InputError(
         rpt_("The mesh of '{}' was edited; its representation describes another one.").format(holder.name)
     )
+    if SPLITS in holder:
+        return _placement_of_finer(holder, representation, edited)
     corners, sizes = mesh_data.read_polygons(holder.data)
     if len(holder.data.vertices) != len(representation.vertices) or not np.array_equal(
         np.cumsum(sizes), representation.face_offsets[1:]
@@ -78,7 +80,21 @@ def placement(holder: Object, representation: Representation) -> Placement:
         raise edited
     if not np.array_equal(corners, representation.face_corners):
         raise edited
-    points, local = representation.at_vertices(), mesh_data.read_positions(holder.data).astype(np.float64)
+    local = mesh_data.read_positions(holder.data).astype(np.float64)
+    return _found(holder, representation.at_vertices(), local, edited)
+
+
+def _placement_of_finer(holder: Object, representation: Representation, edited: InputError) -> Placement:
+    """Find the place on a mesh that is finer than the representation's: its first vertices are the same."""
+    _, vertices, faces = holder[SPLITS]
+    if (len(holder.data.vertices), len(holder.data.polygons)) != (vertices, faces):
+        raise edited
+    points = representation.at_vertices()
+    local = mesh_data.read_positions(holder.data)[: len(points)].astype(np.float64)
+    return _found(holder, points, local, edited)
+
+
+def _found(holder: Object, points: NDArray[np.float64], local: NDArray[np.float64], edited: InputError) -> Placement:
     size = float(np.ptp(local, axis=0).max(initial=0.0))
     for place in (_as_stored(holder), _fitted(points, local)):
         if np.abs(place.to_local(points) - local).max(initial=0.0) <= NEAR * size:

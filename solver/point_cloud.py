@@ -116,7 +116,8 @@ def reconstruct(
     base_vertices, base_faces
         A coarse mesh near the points: (V, 3), and (F, n) vertex numbers or a list of polygons.
     settings
-        How patches are fitted; `Settings.ring` does not count here.
+        How patches are fitted; `Settings.ring` does not count here, and a tolerance is only compared with what is
+        reached.
     cloud
         How the points are observed.
     executor
@@ -142,7 +143,7 @@ def reconstruct_steps(
     executor: Executor | None = None,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
-    settings = replace((settings or Settings()).resolved(), keep_iterations=False)
+    settings = replace((settings or Settings()).resolved(), keep_iterations=False, denoise="off")
     checked = checked_points(points)
     base = checked_base(base_vertices, base_faces)
     refuse_distant(checked, base)

@@ -334,3 +334,116 @@ def test_representations_that_are_none_are_refused(tmp_path: Path) -> None:
     assert run("evaluate", tmp_path / "absent.npz", "-o", tmp_path / "out.ply").returncode == 1
     assert run("evaluate", tmp_path / "cut.npz").returncode == 2
     assert not (tmp_path / "out.ply").exists()
+
+
+# --------------------------------------------------------------------------------------------------------- point clouds
+
+
+def sphere_points(count: int = 500) -> np.ndarray:
+    points = np.random.default_rng(0).normal(size=(count, 3))
+    return np.round(points / np.linalg.norm(points, axis=1, keepdims=True) + [5.0, 0.0, 0.0], 6)
+
+
+def write_xyz(path: Path, points: np.ndarray) -> Path:
+    np.savetxt(path, points, fmt="%.6f")
+    return path
+
+
+def write_ply(path: Path, points: np.ndarray) -> Path:
+    header = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    path.write_text(header + "\n".join("{:.6f} {:.6f} {:.6f}".format(*point) for point in points) + "\n")
+    return path
+
+
+def octahedron(path: Path, size: float = 1.2) -> Path:
+    corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]) * size + [5.0, 0.0, 0.0]
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    return write_obj(path, corners, faces)
+
+
+def off_sphere(points: np.ndarray) -> np.ndarray:
+    return np.abs(np.linalg.norm(points - [5.0, 0.0, 0.0], axis=1) - 1.0)
+
+
+@pytest.mark.parametrize("kind", ["ply", "obj", "xyz"])
+def test_reconstruct_over_a_base(tmp_path: Path, kind: str) -> None:
+    """Points of each kind of file, loose ones of an .obj included, become a surface in the file's own axes."""
+    points = sphere_points()
+    path = tmp_path / f"scan.{kind}"
+    {"ply": write_ply, "xyz": write_xyz, "obj": lambda path, points: write_obj(path, points, [])}[kind](path, points)
+    out, report_file = tmp_path / "out.obj", tmp_path / "report.json"
+    base = octahedron(tmp_path / "base.obj")
+    done = run("reconstruct", path, "--base", base, "-o", out, "--report", report_file, "--resample", "7", *QUICK)
+    assert done.returncode == 0, done.stderr
+    assert "scan: 500 points over 6 vertices, 6 patches" in done.stdout
+    vertices, faces = read_obj(out)
+    assert len(faces) == 49 * 8
+    assert off_sphere(vertices).max() < 0.05
+    report = json.loads(report_file.read_text())
+    assert report["input"]["points"] == 500
+    assert report["surface_error"]["rms"] < 0.02
+
+
+@pytest.mark.long
+def test_reconstruct_draws_a_heat_map(tmp_path: Path) -> None:
+    path, picture = write_xyz(tmp_path / "scan.xyz", sphere_points()), tmp_path / "heat.png"
+    done = run("reconstruct", path, "--base", octahedron(tmp_path / "base.obj"), "--heatmap", picture, *QUICK)
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_reconstruct_without_a_base_writes_everything(tmp_path: Path) -> None:
+    path = write_xyz(tmp_path / "scan.xyz", sphere_points(800))
+    out, rep = tmp_path / "out.ply", tmp_path / "rep.npz"
+    options = ("--base-vertices", "30", "--corrections", "1", "--robust", "huber", "--ring", "2", "--sparsity", "9")
+    done = run("reconstruct", path, "-o", out, "--representation", rep, *options, *QUICK)
+    assert done.returncode == 0, done.stderr
+    again = tmp_path / "again.obj"
+    done = run("evaluate", rep, "--resample", "5", "-o", again)
+    assert done.returncode == 0, done.stderr
+    assert off_sphere(read_obj(again)[0]).max() < 0.06
+    assert sorted(each.name for each in tmp_path.iterdir()) == [
+        "again.mtl",
+        "again.obj",
+        "out.ply",
+        "rep.npz",
+        "scan.xyz",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "code", "words"),
+    [
+        ("0 0 0\n1 0 0\n0 1 0\n", (), 1, "A surface needs at least 4 points; there are 3."),
+        ("0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 1 0\n", (), 1, "All the points lie in one plane: choose a base mesh for them."),
+        ("# nothing\n", (), 1, "'scan.xyz' holds no points."),
+        ("0 0 0\none two three\n", (), 1, "cannot be read: a line does not begin with three numbers."),
+        ("0 0 0\n1 0 0\nnan 1 0\n1 1 1\n", (), 1, "Point 2 has a coordinate that is not a finite number."),
+        ("0 0 0\n1 0 0\n", ("--base", "there is none.obj"), 1, "There is no file"),
+        ("0 0 0\n1 0 0\n", ("--base", "base.obj", "--base-vertices", "9"), 2, "not allowed with argument"),
+        ("0 0 0\n1 0 0\n", ("--corrections", "-3"), 2, "corrections must be a whole number from 0 to 20, not -3."),
+    ],
+    ids=["three", "plane", "empty", "words", "nan", "no base", "both", "range"],
+)
+def test_reconstruct_refuses(tmp_path: Path, content: str, options: tuple[str, ...], code: int, words: str) -> None:
+    path = tmp_path / "scan.xyz"
+    path.write_text(content)
+    done = run("reconstruct", path, "-o", tmp_path / "out.ply", *options)
+    assert done.returncode == code, done.stderr
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["scan.xyz"]
+
+
+def test_reconstruct_says_when_blender_is_missing(tmp_path: Path) -> None:
+    path = write_xyz(tmp_path / "scan.xyz", sphere_points(10))
+    code = (
+        "import sys, importlib.util as u; plain = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name == 'bpy' else plain(name, *rest)\n"
+        f"from sparse_surface.cli import main; sys.exit(main(['reconstruct', {str(path)!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    expected = "Files are read with Blender: install its Python module (pip install bpy) or run in Blender."
+    assert done.stderr == f"sparse_surface: {expected}\n"

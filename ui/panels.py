@@ -16,7 +16,7 @@ from ..operators.result_object import read_report
 from ..operators.show_heat_map import shows_heat_map
 from ..operators.status import duration_text, remaining_text
 from .presets import SPARSE_SURFACE_PT_presets
-from .properties import SOLVER_NAMES
+from .properties import CLOUD_NAMES, SOLVER_NAMES
 
 MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
 DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "mark_creases", "pin_boundary")
@@ -117,6 +117,30 @@ class SPARSE_SURFACE_PT_noise(SidebarPanel, Panel):
         how.active = settings.denoise != "off"
         for name in others:
             how.prop(settings, name)
+
+
+class SPARSE_SURFACE_PT_points(SidebarPanel, Panel):
+    bl_label = "Points to Surface"
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: Context) -> None:
+        settings = context.scene.sparse_surface.reconstruction
+        column = self.column(context)
+        column.prop(settings, "base")
+        if settings.base is None:
+            column.prop(settings, "base_vertices")
+            column.prop(settings, "keep_base")
+        column.separator()
+        for name in CLOUD_NAMES:
+            column.prop(settings, name)
+        column.separator()
+        column.prop(settings, "splits")
+        column.prop(settings, "point_errors")
+        button = self.layout.row()
+        button.scale_y = 1.5
+        button.enabled = running.current is None
+        button.operator("sparse_surface.reconstruct", icon="POINTCLOUD_DATA")
 
 
 class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
@@ -253,6 +277,7 @@ CLASSES = (
     SPARSE_SURFACE_PT_domain,
     SPARSE_SURFACE_PT_sweeps,
     SPARSE_SURFACE_PT_noise,
+    SPARSE_SURFACE_PT_points,
     SPARSE_SURFACE_PT_output,
     SPARSE_SURFACE_PT_display,
     SPARSE_SURFACE_PT_statistics,

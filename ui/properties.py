@@ -6,9 +6,10 @@ import dataclasses
 from typing import Any
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
-from bpy.types import Context, PropertyGroup
+from bpy.types import Context, Object, PropertyGroup
 
 from ..operators.heat_map import recolour_scene
+from ..solver.cloud_settings import CloudSettings
 from ..solver.settings import PRESETS, Settings
 from . import inspect_properties
 
@@ -22,6 +23,10 @@ NAMES = {
     "tau": "Multiplier Step",
     "adaptive": "Adaptive Rings",
     "denoise_strength": "Strength",
+    "robust": "Outliers",
+    "noise": "Noise Level",
+    "creases": "Find Creases",
+    "fit_base": "Fit the Base",
 }
 """Names of settings that are not just their identifier in title case."""
 
@@ -40,7 +45,7 @@ CHOICE_NAMES = {
     "printed": "As Printed",
 }
 
-LENGTHS = {"tolerance", "noise_level"}
+LENGTHS = {"tolerance", "noise_level", "noise"}
 """Settings in scene units."""
 
 FLOAT_MAXIMUM = 1e12
@@ -137,6 +142,50 @@ class SparseSurfaceDisplay(PropertyGroup):
     )
 
 
+def _can_be_base(settings: PropertyGroup, candidate: Object) -> bool:
+    return candidate.type == "MESH"
+
+
+class SparseSurfaceReconstruction(PropertyGroup):
+    """How points become a surface (`scene.sparse_surface.reconstruction`); the solver's settings are added below."""
+
+    base: PointerProperty(
+        type=Object,
+        name="Base",
+        description="Coarse mesh near the points that carries the patches; without one it is made from the points",
+        poll=_can_be_base,
+    )
+    base_vertices: IntProperty(
+        name="Base Vertices",
+        description="About how many vertices a base has that is made from the points. 0: one for every sixty points",
+        default=0,
+        min=0,
+        max=200_000,
+        soft_max=2000,
+    )
+    splits: IntProperty(
+        name="Resolution",
+        description="Into how many parts every edge of the base is split to evaluate the surface. "
+        "0: about as many vertices as there are points",
+        default=0,
+        min=0,
+        max=64,
+        soft_max=16,
+    )
+    point_errors: BoolProperty(
+        name="Points with Errors",
+        description="Make an object of the points with the error of each, beside the surface",
+        default=True,
+    )
+    keep_base: BoolProperty(
+        name="Keep the Base", description="Keep the base that was made from the points as an object", default=False
+    )
+
+    def to_cloud_settings(self) -> CloudSettings:
+        """Return the solver's settings."""
+        return CloudSettings(**{name: plain_value(getattr(self, name)) for name in CLOUD_NAMES})
+
+
 class SparseSurfaceSettings(PropertyGroup):
     """The settings of a scene (`scene.sparse_surface`); the solver's are added below."""
 
@@ -166,6 +215,7 @@ class SparseSurfaceSettings(PropertyGroup):
         default=True,
     )
     display: PointerProperty(type=SparseSurfaceDisplay)
+    reconstruction: PointerProperty(type=SparseSurfaceReconstruction)
     inspection: PointerProperty(type=inspect_properties.SparseSurfaceInspection)
     comparison: PointerProperty(type=inspect_properties.SparseSurfaceComparison)
 
@@ -187,4 +237,8 @@ SOLVER_NAMES = tuple(item.name for item in dataclasses.fields(Settings))
 for _item in dataclasses.fields(Settings):
     SparseSurfaceSettings.__annotations__[_item.name] = solver_property(_item)
 
-CLASSES = (SparseSurfaceDisplay, *inspect_properties.CLASSES, SparseSurfaceSettings)
+CLOUD_NAMES = tuple(item.name for item in dataclasses.fields(CloudSettings))
+for _item in dataclasses.fields(CloudSettings):
+    SparseSurfaceReconstruction.__annotations__[_item.name] = solver_property(_item)
+
+CLASSES = (SparseSurfaceDisplay, SparseSurfaceReconstruction, *inspect_properties.CLASSES, SparseSurfaceSettings)
