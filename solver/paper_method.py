@@ -29,7 +29,7 @@ from .domain_energy import DomainEnergy
 from .quasi_newton import minimise
 from .settings import Settings
 from .solution import Solution, Trace
-from .variable_projection import Fit, least_squares, merge, select
+from .variable_projection import Fit, as_wide_as, least_squares, merge, select
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -69,11 +69,7 @@ def improve(
     coefficients fitted anew, counts as an iterate: no problem ends with more energy than that.
     """
     iteration = Iteration(batch, dictionary, settings, domain, batch.values)
-    # The patches may have been fitted beside others that can use more functions, or fewer; what is cut off names none.
-    held = np.full_like(iteration.fit.support, -1)
-    width = min(held.shape[-1], support.shape[-1])
-    held[..., :width] = support[..., :width]
-    iteration.take(least_squares(batch, dictionary, domain, held))
+    iteration.take(least_squares(batch, dictionary, domain, as_wide_as(iteration.fit, support)))
     return iteration.run(iterations)
 
 

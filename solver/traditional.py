@@ -9,7 +9,7 @@ from .batch import Batch
 from .dictionary import Dictionary
 from .settings import Settings
 from .solution import Solution, Trace
-from .variable_projection import Fit, least_squares, merge, select
+from .variable_projection import Fit, as_wide_as, least_squares, merge, select
 
 Indices = NDArray[np.int64]
 
@@ -22,8 +22,8 @@ def solve(batch: Batch, dictionary: Dictionary, settings: Settings) -> Solution:
 
 def improve(batch: Batch, dictionary: Dictionary, settings: Settings, support: Indices) -> Solution:
     """Choose anew for changed data, and keep the earlier functions (B, D, s) where they serve better."""
-    earlier = least_squares(batch, dictionary, batch.start, support)
     anew = select(batch, dictionary, batch.start, settings.sparsity, settings.pursuit)
+    earlier = least_squares(batch, dictionary, batch.start, as_wide_as(anew, support))
     return _unmoved(batch, dictionary, settings, merge(anew.misfit < earlier.misfit, anew, earlier))
 
 

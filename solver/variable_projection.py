@@ -266,6 +266,18 @@ def _generalises(fit: Fit) -> Array:
     return score
 
 
+def as_wide_as(fit: Fit, support: Indices) -> Indices:
+    """Chosen functions (B, D, any) with as many places as those of `fit`.
+
+    Patches may have been fitted beside others that can use more functions, or fewer; the places that are cut off or
+    added name none.
+    """
+    wide = np.full_like(fit.support, -1)
+    width = min(wide.shape[-1], support.shape[-1])
+    wide[..., :width] = support[..., :width]
+    return wide
+
+
 def merge(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
     """Problems of `one` where `first` holds, of `other` elsewhere."""
     if first.all():
