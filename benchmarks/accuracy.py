@@ -28,7 +28,6 @@ INGREDIENTS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
     ("patches fitted with uniform weights", {}, {"blending.PLATEAU": 1e6}),
     ("uniform blending", {"blending": "uniform"}, {}),
     ("rings not adapted", {"adaptive": False}, {}),
-    ("finer Phi along creases", {"fine_creases": True}, {}),
     ("a domain for each coordinate", {"domains": "separate"}, {}),
     ("the paper's method", {"method": "paper", "sweeps": 2}, {}),
     ("the traditional sparse fit", {"method": "traditional"}, {}),

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 import pytest
-from sparse_surface.benchmarks import denoising, evaluation
+from sparse_surface.benchmarks import accuracy, denoising, evaluation
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
 from sparse_surface.benchmarks.natural_alternative import compare
 from sparse_surface.benchmarks.performance import growth_exponent
 from sparse_surface.benchmarks.tables import table
-from sparse_surface.solver import models
+from sparse_surface.solver import Settings, models
 
 QUICK = {"workers": 1, "ring": 4, "degree": 6, "sparsity": 6, "iterations": 2, "sweeps": 0}
 
@@ -47,6 +49,16 @@ def test_a_case_is_measured_in_a_process_of_its_own() -> None:
 def test_an_unknown_constant_is_an_error() -> None:
     with pytest.raises(AttributeError, match="constant"):
         measure(Case("cube", QUICK, constants={"batch.NO_SUCH": 1.0}))
+
+
+@pytest.mark.parametrize(("name", "settings", "constants"), accuracy.INGREDIENTS)
+def test_what_the_ablation_changes_exists(name: str, settings: dict[str, Any], constants: dict[str, Any]) -> None:
+    assert bool(settings) or bool(constants) or name == "the default"
+    resolved = Settings(**settings).resolved()
+    assert all(getattr(resolved, field) == value for field, value in settings.items())
+    for constant in constants:
+        module, _, attribute = constant.rpartition(".")
+        assert hasattr(import_module(f"sparse_surface.solver.{module}"), attribute)
 
 
 def test_both_solvers_fit_the_same_patches() -> None:
