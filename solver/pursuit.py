@@ -20,6 +20,9 @@ INDEPENDENT = 1e-10
 NEGLIGIBLE = 1e-6
 """Squared norms count as at least this share of the largest one, so that no function of rounding errors is chosen."""
 
+ROUNDING = 1e-14
+"""Share of a signal's squared length that sums are taken to be wrong by."""
+
 
 @dataclass
 class _Selection:
@@ -204,7 +207,10 @@ def _or_low_degrees(
     support: NDArray[np.int64],
     allowed: NDArray[np.bool_] | None,
 ) -> NDArray[np.int64]:
-    """Take all functions up to the highest total degree that has room, where they leave less than those chosen."""
+    """Take all functions up to the highest total degree that has room, where they leave no more than those chosen.
+
+    Where both leave nothing but rounding errors these are the ones that do not oscillate between the observations.
+    """
     sparsity, size = support.shape[-1], correlation.shape[-1]
     degree = int((np.sqrt(8 * min(sparsity, size) + 1) - 3) / 2)
     leading = np.arange((degree + 1) * (degree + 2) // 2)
@@ -214,7 +220,7 @@ def _or_low_degrees(
         low[..., : len(leading)][~np.broadcast_to(allowed[:, None, leading], low[..., : len(leading)].shape)] = -1
     present, _ = _explained(gram, correlation, support)
     possible, independent = _explained(gram, correlation, low)
-    better = independent & (possible > present * (1.0 + 1e-14))
+    better = independent & (possible >= present * (1.0 - ROUNDING))
     return np.where(better[..., None], low, support)
 
 
