@@ -14,6 +14,7 @@ from pathlib import Path
 
 import paper_figures
 import sparse_surface
+from cloud_figures import CLOUD_FIGURES
 from demo import approximate, make_flower, make_suzanne
 from sparse_surface.operators.heatmap_render import render_heatmap
 
@@ -34,7 +35,11 @@ def heat_map_smooth(path: Path) -> None:
     render_heatmap(result, path, source=source)
 
 
-FIGURES: dict[str, Callable[[Path], None]] = {"heat_map": heat_map, "heat_map_smooth": heat_map_smooth}
+FIGURES: dict[str, Callable[[Path], None]] = {
+    "heat_map": heat_map,
+    "heat_map_smooth": heat_map_smooth,
+    **CLOUD_FIGURES,
+}
 """Name of a picture in docs/pictures -> what makes it."""
 
 
