@@ -9,6 +9,7 @@ from bpy.types import Context, Object, Operator
 
 from ..solver.errors import InputError, SparseSurfaceError
 from .resample import reason_against
+from .result_object import SPLITS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -59,6 +60,9 @@ def write_domain_maps(holder: Object) -> list[str]:
 
     representation = stored_representation.read(holder)
     stored_representation.placement(holder, representation)
+    if SPLITS in holder and holder[SPLITS][0] != 1:
+        text = rpt_("The mesh of '{}' is finer than its domains; reconstruct it with resolution 1 for their UV maps.")
+        raise InputError(text.format(holder.name))
     channels = ("",) if len(representation.domains) == 1 else (" X", " Y", " Z")
     maps = [
         (f"{kind} Domain{channel}", domains[c])

@@ -181,6 +181,28 @@ def test_resolution_and_resampling():
         bpy.ops.sparse_surface.resample(splits=2)
 
 
+def test_the_tools_for_representations_work_on_reconstructed_surfaces():
+    cloud = ball(300)
+    points = cloud_object(cloud.points)
+    base_object(cloud)
+    wanted().splits = 2
+    made = reconstruct(points)
+    assert bpy.ops.sparse_surface.show_patches() == {"FINISHED"}
+    assert bpy.ops.sparse_surface.inspect_patch() == {"FINISHED"}
+    scenes.select(made)
+    assert bpy.ops.sparse_surface.separate_patches() == {"FINISHED"}
+    patches = bpy.data.collections["Scan Sparse Surface Patches"].objects
+    assert len(patches) == made["sparse_surface"]["patches"]
+    assert cloud.distance(scenes.positions(patches[0].data).astype(float)).max() < 0.05
+    scenes.select(made)
+    with pytest.raises(RuntimeError, match="finer than its domains"):
+        bpy.ops.sparse_surface.domains_to_uv()
+    wanted().splits = 1
+    made = reconstruct(points)
+    assert bpy.ops.sparse_surface.domains_to_uv() == {"FINISHED"}
+    assert len(made.data.uv_layers) == 2
+
+
 def test_again_replaces_the_earlier_result():
     cloud = ball(300)
     points = cloud_object(cloud.points)
