@@ -90,16 +90,21 @@ def test_numbers_are_those_of_the_run(measured: dict[str, dict[str, Any]]) -> No
 
 
 def test_a_notebook_keeps_sections_apart(tmp_path: Path) -> None:
-    notebook = Notebook(tmp_path / "measured.json")
-    assert notebook.read() == {}
+    path = tmp_path / "measured.json"
+    notebook = Notebook(path)
     notebook.write("one", {"a x": 1, "b y": 2})
     notebook.write("two", {"a": 3})
     notebook.write("one", {"a x": 4})
     notebook.clear("one", "b ")
-    assert notebook.read() == {"one": {"a x": 4}, "two": {"a": 3}}
+    assert not path.exists()  # an interrupted figure leaves the numbers that belong to its old picture
+    notebook.save()
+    assert Notebook(path).content == {"one": {"a x": 4}, "two": {"a": 3}}
     notebook.clear("two")
-    assert notebook.read() == {"one": {"a x": 4}}
-    assert [path.name for path in tmp_path.iterdir()] == ["measured.json"]
+    notebook.clear("three")
+    assert Notebook(path).content["two"] == {"a": 3}
+    notebook.save()
+    assert Notebook(path).content == {"one": {"a x": 4}}
+    assert [found.name for found in tmp_path.iterdir()] == ["measured.json"]
 
 
 # -------------------------------------------------------------------------------------------------------- scalar data

@@ -18,5 +18,6 @@ def make(name: str) -> Path:
     draw = getattr(import_module(f".{FIGURES[name]}", __name__), f"figure_{name[3:]}")
     notebook.clear(f"figure {name[3:]}")
     path: Path = draw(notebook)
+    notebook.save()
     write_page(notebook)
     return path

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -64,32 +64,31 @@ def timed_approximate(vertices: Any, faces: Any, settings: Settings) -> tuple[Ap
     return result, sum(os.times()[:4]) - start
 
 
-@dataclass
 class Notebook:
-    """Figures that were measured, by section and key; written to the file after each entry."""
+    """Figures that were measured, by section and key.
 
-    path: Path = MEASURED
+    They get into the file with `save`, at the end of a figure: where one is interrupted, its old picture and its old
+    numbers stay together.
+    """
 
-    def read(self) -> dict[str, dict[str, Any]]:
-        if not self.path.exists():
-            return {}
-        content: dict[str, dict[str, Any]] = json.loads(self.path.read_text(encoding="utf-8"))
-        return content
+    def __init__(self, path: Path = MEASURED) -> None:
+        self.path = path
+        self.content: dict[str, dict[str, Any]] = {}
+        if path.exists():
+            self.content = json.loads(path.read_text(encoding="utf-8"))
 
     def write(self, section: str, entries: dict[str, Any]) -> None:
         """Put entries into a section, over earlier ones of the same keys."""
-        content = self.read()
-        content[section] = {**content.get(section, {}), **entries}
-        self._replace(content)
+        self.content.setdefault(section, {}).update(entries)
 
     def clear(self, section: str, prefix: str = "") -> None:
         """Take the entries out of a section whose keys begin so."""
-        content = self.read()
-        content[section] = {key: entry for key, entry in content.get(section, {}).items() if not key.startswith(prefix)}
-        self._replace(content)
+        for key in [key for key in self.content.get(section, {}) if key.startswith(prefix)]:
+            del self.content[section][key]
 
-    def _replace(self, content: dict[str, dict[str, Any]]) -> None:
-        content = {section: entries for section, entries in content.items() if entries}
+    def save(self) -> None:
+        """Write the file, beside its place and then into it."""
+        content = {section: entries for section, entries in self.content.items() if entries}
         self.path.parent.mkdir(parents=True, exist_ok=True)
         partial = self.path.with_name(f".{self.path.name}.partial")
         partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -27,7 +27,7 @@ METHODS = {
 def write_page(notebook: Notebook) -> Path:
     """Write docs/paper.md, beside its place and then into it."""
     partial = PAGE.with_name(f".{PAGE.name}.partial")
-    partial.write_text(page(notebook.read()), encoding="utf-8")
+    partial.write_text(page(notebook.content), encoding="utf-8")
     partial.replace(PAGE)
     return PAGE
 
