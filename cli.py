@@ -215,6 +215,7 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
         "--representation", type=output_path, metavar="REP.npz", help="file for the functions, to evaluate later"
     )
     parser.add_argument("--resample", type=positive_number, metavar="N", help=RESAMPLE_HELP)
+    parser.add_argument("--domain-maps", action="store_true", help="write the patches' domains as UV maps")
     parser.add_argument("--heatmap", type=output_path, metavar="PICTURE.png", help="picture of the error")
 
 
@@ -475,8 +476,10 @@ def check_writable_kinds(options: argparse.Namespace) -> None:
 
 def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
     """Write the files that were asked for, each complete or not at all."""
-    from .operators import files
+    from .operators import domain_maps, files
 
+    for each in made if options.domain_maps else ():
+        domain_maps.write_domain_maps(each.result)
     if options.output is not None:
         files.write_meshes(options.output, [_resampled(each.result, options.resample) for each in made])
     if options.report is not None:

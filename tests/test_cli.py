@@ -281,8 +281,10 @@ def test_resampling_and_evaluating_a_saved_representation(model: Path, tmp_path:
 
 def test_a_patch_can_be_looked_at(model: Path, tmp_path: Path) -> None:
     rep, listed, out = tmp_path / "rep.npz", tmp_path / "patch.json", tmp_path / "patch.blend"
-    done = run("approximate", model, "--representation", rep, "--ring", "4", *QUICK)
+    maps = tmp_path / "maps.obj"
+    done = run("approximate", model, "--representation", rep, "--ring", "4", "--domain-maps", "-o", maps, *QUICK)
     assert done.returncode == 0, done.stderr
+    assert sum(line.startswith("vt ") for line in maps.read_text().splitlines()) > 100
     count = len(run("inspect", rep).stdout.splitlines())
     done = run("inspect", rep, "--patch", "1", "--report", listed, "-o", out)
     assert done.returncode == 0, done.stderr
