@@ -70,7 +70,7 @@ build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..."
 bench: venv ## measure speed and accuracy into docs/performance.md and docs/accuracy.md (BENCH="--largest 100000")
 	@$(PY) -m sparse_surface benchmark --docs docs $(BENCH)
 
-figures: venv ## make the pictures of docs/ anew
+figures: venv ## make the pictures of docs/ and docs/paper.md anew (FIGURES="fig9 heat_map" for some of them)
 	@$(PY) scripts/figures.py $(FIGURES)
 
 clean: ## remove what the targets made, but for the environments and the wheels
