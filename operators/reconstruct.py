@@ -25,6 +25,7 @@ class SPARSE_SURFACE_OT_reconstruct(Solving, Operator):
     bl_idname = "sparse_surface.reconstruct"
     bl_label = "Reconstruct"
     bl_options = {"UNDO"}
+    has_preview = False
 
     @classmethod
     def poll(cls, context: Context) -> bool:

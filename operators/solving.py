@@ -35,6 +35,8 @@ class Solving:
 
     _run: running.Run | None = None
     _preview_uid = 0
+    has_preview = True
+    """Whether the surface can be shown while it is solved."""
 
     if TYPE_CHECKING:
         options: Any
@@ -66,7 +68,8 @@ class Solving:
         tasks, refusals = self.tasks(context)
         if not tasks:
             return self._conclude(context, [], refusals)
-        self._run = running.Run(tasks, context.scene.sparse_surface.show_preview, refusals=refusals)
+        preview = self.has_preview and context.scene.sparse_surface.show_preview
+        self._run = running.Run(tasks, preview, refusals=refusals)
         running.start(self._run)
         self._run.timer = context.window_manager.event_timer_add(0.1, window=context.window)
         context.window_manager.modal_handler_add(self)
