@@ -16,6 +16,7 @@ import paper_figures
 import sparse_surface
 from cloud_figures import CLOUD_FIGURES
 from demo import approximate, make_flower, make_suzanne
+from representation_figures import REPRESENTATION_FIGURES
 from sparse_surface.operators.heatmap_render import render_heatmap
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
@@ -39,6 +40,7 @@ FIGURES: dict[str, Callable[[Path], None]] = {
     "heat_map": heat_map,
     "heat_map_smooth": heat_map_smooth,
     **CLOUD_FIGURES,
+    **REPRESENTATION_FIGURES,
 }
 """Name of a picture in docs/pictures -> what makes it."""
 
