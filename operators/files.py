@@ -160,4 +160,6 @@ def write_meshes(path: Path, objects: Sequence[Object]) -> None:
 
 def _first_line(error: BaseException) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if lines and "Traceback" in lines[0]:  # an exporter in Python: what it says comes last
+        lines = [line for line in lines if not line.startswith("Location:")][::-1]
     return (lines[0] if lines else type(error).__name__).removeprefix("Error: ").rstrip(".")
