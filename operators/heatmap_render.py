@@ -75,6 +75,7 @@ def render_heatmap(
     up: str = "Z",
     width: int = 1200,
     title: str = "",
+    caption: str = "Sparse Surface",
 ) -> None:
     """Render a result's heat map to a PNG file, 16 by 9.
 
@@ -92,6 +93,8 @@ def render_heatmap(
         In pixels.
     title
         Caption of the source; its name where empty.
+    caption
+        Caption of the result.
 
     Raises
     ------
@@ -114,7 +117,7 @@ def render_heatmap(
         letter = _Lettering(scene, view)
         if source is not None:
             letter.write(title or source.name, _cell_centres(2)[0], 3.95, 0.36)
-        letter.write("Sparse Surface", _cell_centres(len(shown))[-1], 3.95, 0.36)
+        letter.write(caption, _cell_centres(len(shown))[-1], 3.95, 0.36)
         _add_legend(letter, ColourScale(*result[SCALE]))
         letter.write(_summary(read_report(result)), 0.0, -2.95, 0.26)
         _render(scene, picture)

@@ -71,7 +71,8 @@ def cloud_point_errors(path: Path) -> None:
     sizes = np.full(len(base.triangles), 3, dtype=np.int32)
     flat = _linked("Base", mesh_data.create_mesh("Base", base.vertices, base.triangles.ravel(), sizes))
     shapes["sparse_surface"] = surface["sparse_surface"]
-    render_heatmap(shapes, path, source=flat, title=f"a base of {result.report['input']['vertices']} vertices")
+    title = f"a base of {result.report['input']['vertices']} vertices"
+    render_heatmap(shapes, path, source=flat, title=title, caption="errors of its points")
 
 
 CLOUD_FIGURES: dict[str, Callable[[Path], None]] = {
