@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-
 ROOM = 1 << 16
 """Bytes that a disk must still have after writing: Blender's exporters cut a file short without a word."""
 
