@@ -31,6 +31,8 @@ RIGIDITY_DECAY = 0.6
 RESELECT_AT = (0, 3, 8)
 DETERMINANT_FLOOR = 0.02
 STEP_SHARE = 0.8
+FARTHEST = 100.0
+"""Domains begin within [-1, 1]; one that wants to go so far has no surface to follow (a patch of identical points)."""
 RIDGE = 1e-11
 NEGLIGIBLE = 1e-8
 """Length of a function, compared with the longest one chosen, below which it takes no part."""
@@ -346,7 +348,8 @@ def step(batch: Batch, dictionary: Dictionary, state: State, weights: tuple[floa
     jacobian = jacobian + (length * batch.by_problem(change)).reshape(change.shape)
     new = least_squares(batch, dictionary, tried, fit.support)
     after = new.misfit + regularisation(batch, tried.reshape(2, -1), jacobian, weights)
-    worse = np.flatnonzero(~(after < before))  # which is so for what overflowed, too
+    # written so that what overflowed counts as worse, too
+    worse = np.flatnonzero(~((after < before) & (np.abs(tried).max(axis=(0, 2)) < FARTHEST)))
     tried[:, worse] = state.domain[:, worse]
     new.put(worse, fit)
     after[worse] = before[worse]
