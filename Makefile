@@ -44,6 +44,7 @@ test-blender: venv ## tests under bpy on the installed zip
 
 test-long: venv ## the tests that take minutes: thousands of generated meshes, long runs
 	@$(PY) -m pytest -m long tests --ignore=tests/blender $(PYTEST)
+	@$(PY) -m pytest -m long tests/blender $(PYTEST)
 
 test-matrix: venv ## the Blender tests on every supported bpy, the solver tests on every supported NumPy
 	@$(PY) scripts/test_matrix.py $(MATRIX)
