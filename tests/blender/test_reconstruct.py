@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.operators.base_mesh import make_base
+from bl_ext.user_default.sparse_surface.solver import CloudSettings
 from bl_ext.user_default.sparse_surface.solver.cloud_models import ball, hill, l_solid
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 from mathutils import Euler, Matrix
@@ -202,6 +204,17 @@ def test_the_tools_for_representations_work_on_reconstructed_surfaces():
     made = reconstruct(points)
     assert bpy.ops.sparse_surface.domains_to_uv() == {"FINISHED"}
     assert len(made.data.uv_layers) == 2
+
+
+def test_settings_are_the_solvers():
+    settings = wanted()
+    settings.property_unset("corrections")
+    assert settings.to_cloud_settings() == CloudSettings()
+    for item in dataclasses.fields(CloudSettings):
+        drawn = settings.bl_rna.properties[item.name]
+        assert drawn.description == item.metadata["text"]
+        if not isinstance(item.default, (bool, str)):
+            assert (drawn.hard_min, drawn.hard_max) == pytest.approx((item.metadata["low"], item.metadata["high"]))
 
 
 def test_again_replaces_the_earlier_result():
