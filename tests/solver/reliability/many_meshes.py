@@ -25,7 +25,7 @@ import generated
 import numpy
 import soundness
 
-SECONDS = 120
+SECONDS = 300
 """Processor time that no mesh of the generated sizes may take."""
 
 

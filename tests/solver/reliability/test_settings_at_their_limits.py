@@ -18,7 +18,7 @@ SMALL: dict[str, Any] = {"workers": 1, "iterations": 2, "sweeps": 1, "degree": 6
 
 
 def approximated(**changes: Any) -> Any:
-    vertices, faces = models.cube(4)
+    vertices, faces = models.cube(3)
     kind, result = soundness.approximated(vertices, faces, Settings(**{**SMALL, **changes}))
     assert kind == soundness.RESULT, result
     return result
@@ -85,7 +85,7 @@ def test_no_tolerance_means_off_and_the_smallest_one_is_kept() -> None:
 
 
 @given(st.data())
-@settings(max_examples=12)
+@settings(max_examples=6)
 def test_any_settings_give_a_result(data: st.DataObject) -> None:
     changes = {
         item.name: data.draw(st.sampled_from(sorted(item.metadata["choices"])), item.name) for item in CHOICES
