@@ -29,6 +29,36 @@ def test_button_is_disabled_without_a_mesh():
     driver.shot("panel_without_selection")
 
 
+def test_drawing_costs_little():
+    """All panels of the sidebar together, in processor time, once they have been drawn before."""
+    panels = [each for each in driver.module("registration").CLASSES if issubclass(each, bpy.types.Panel)]
+    assert len(panels) > 3
+    spent = dict.fromkeys(panels, 0.0)
+    originals = {panel: panel.draw for panel in panels}
+
+    def timed(panel):
+        def draw(self, context):
+            before = time.process_time()
+            originals[panel](self, context)
+            spent[panel] = time.process_time() - before
+
+        return draw
+
+    driver.clear_scene()
+    driver.add_creased_grid(60)
+    yield from driver.open_sidebar()
+    for panel in panels:
+        panel.draw = timed(panel)
+    try:
+        driver.region("UI").tag_redraw()
+        yield 0.5
+    finally:
+        for panel in panels:
+            panel.draw = originals[panel]
+    print(f"drawn in {1e3 * sum(spent.values()):.1f} ms of processor time", flush=True)
+    assert 0.0 < sum(spent.values()) < 0.05
+
+
 def test_enabling_costs_little():
     """Importing and registering anew, in processor time: Blender starts with it every day."""
     import addon_utils
@@ -49,5 +79,6 @@ if __name__ == "__main__":
     driver.run(
         test_panel_shows_settings_and_estimate,
         test_button_is_disabled_without_a_mesh,
+        test_drawing_costs_little,
         test_enabling_costs_little,
     )
