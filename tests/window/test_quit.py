@@ -15,8 +15,8 @@ import driver
 
 
 def check_at_exit() -> None:
-    """Runs last of all, when Blender is about to end; on a busy machine ending takes a process its time."""
-    end = time.monotonic() + 10.0
+    """Runs last of all, when Blender is about to end."""
+    end = time.monotonic() + 1.0
     while driver.children() and time.monotonic() < end:
         time.sleep(0.01)
     left = driver.children()
