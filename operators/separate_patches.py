@@ -75,7 +75,7 @@ def separate_patches(context: Context, holder: Object) -> tuple[Collection, Any]
     representation = stored_representation.read(holder)
     place = stored_representation.placement(holder, representation)
     gaps = overlap_gaps(representation)
-    points = place.to_local(representation.at_patch_vertices())
+    points = place.to_local(representation.at_patch_vertices)
     collection = bpy.data.collections.new(cut_name(holder.name, " Patches"))
     context.scene.collection.children.link(collection)
     for patch in range(representation.patches):

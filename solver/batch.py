@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .domain_energy import DomainEnergy
-from .sparse_matrices import for_both, in_single_precision
+from .sparse_matrices import diagonal_blocks, for_both, in_single_precision
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -133,6 +133,27 @@ class Batch:
     def problems(self) -> int:
         """Number of problems, B."""
         return len(self.sizes)
+
+    def only(self, which: Indices) -> Batch:
+        """Some of the problems as a batch of their own, padded as before."""
+        start, faces = self.start[:, which], len(self.triangles) // self.problems
+        moved = start.shape[2] * (np.arange(len(which)) - which)
+        triangles = self.triangles.reshape(self.problems, faces, 3)[which] + moved[:, None, None]
+        observe = diagonal_blocks(self.observe, 2 * self.problems, np.concatenate([which, self.problems + which]))
+        flat = triangles.reshape(-1, 3)
+        return Batch(
+            [self.frames[k] for k in which],
+            self.sizes[which],
+            start,
+            self.values[which],
+            self.root_weights[which],
+            self.degrees[which],
+            self.noise[which],
+            flat,
+            DomainEnergy.of(start.reshape(2, -1), flat),
+            observe,
+            observe.T.tocsr(),
+        )
 
     def by_problem(self, flat: Array) -> Array:
         """View an array over flattened vertices, triangles or observations (..., B x) as (..., B, x)."""

@@ -7,6 +7,7 @@ functions before points, so that selecting functions copies whole rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class Dictionary:
     degree: int
     basis: str
 
-    @property
+    @cached_property
     def degrees(self) -> NDArray[np.int64]:
         """Degrees (i, j) of the functions, (n, 2), ordered by total degree."""
         pairs = [(total - j, j) for total in range(self.degree + 1) for j in range(total + 1)]
@@ -68,6 +69,7 @@ class Dictionary:
         x = parameter / LEGENDRE_SUPPORT if self.basis == "legendre" else parameter
         # The degree comes first in memory: every step of the recursion runs over one contiguous piece.
         table = np.empty((self.degree + 1, *x.shape))
+        lower = np.empty_like(x)
         table[0] = 1.0
         if self.degree >= 1:
             table[1] = x
@@ -76,7 +78,8 @@ class Dictionary:
             if self.basis == "legendre":
                 # Bonnet's recursion
                 table[k + 1] *= (2 * k + 1) / (k + 1)
-                table[k + 1] -= k / (k + 1) * table[k - 1]
+                np.multiply(table[k - 1], k / (k + 1), out=lower)
+                table[k + 1] -= lower
         return np.moveaxis(table, 0, -2)
 
     def derivative_tables(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -104,7 +107,7 @@ class Dictionary:
                 np.multiply(table[..., k - 1, :], k, out=slope[..., k, :])
         return slope
 
-    @property
+    @cached_property
     def derivative_matrix(self) -> NDArray[np.float64]:
         """First derivatives of the one-variable polynomials in terms of these polynomials, (t + 1, t + 1)."""
         return self.derivative_tables(np.eye(self.degree + 1))
@@ -122,7 +125,10 @@ class Dictionary:
         ndarray
             Shape (..., n, N).
         """
-        u_table, v_table = self.tables(domain[0]), self.tables(domain[1])
+        return self.products(*self.tables(domain))
+
+    def products(self, u_table: NDArray[np.float64], v_table: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of every function, (..., n, N), from those of the one-variable polynomials, (..., t + 1, N) both."""
         values = np.empty((*u_table.shape[:-2], self.size, u_table.shape[-1]))
         for total in range(self.degree + 1):
             first = total * (total + 1) // 2

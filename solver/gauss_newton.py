@@ -17,7 +17,7 @@ from .batch import Batch
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-CONJUGATE_GRADIENT_STEPS = 8
+CONJUGATE_GRADIENT_STEPS = 16
 
 SMALLEST_DETERMINANT = 1e-30
 """Vertices on which a problem depends no more than that stay; the inverse has to fit into single precision."""
@@ -121,9 +121,9 @@ def _block_jacobi(batch: Batch, slopes: Singles, shift: Singles) -> Callable[[Si
     uu, vv = uu + shift, vv + shift
     inverse = uu * vv - uv**2
     inverse = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > SMALLEST_DETERMINANT)
-    uu, uv, vv = uu * inverse, uv * inverse, vv * inverse
+    blocks = np.stack([vv * inverse, -uv * inverse, -uv * inverse, uu * inverse]).reshape(2, 2, *shift.shape)
 
     def precondition(x: Singles) -> Singles:
-        return np.stack([vv * x[0] - uv * x[1], uu * x[1] - uv * x[0]])
+        return np.einsum("acbm,cbm->abm", blocks, x)
 
     return precondition

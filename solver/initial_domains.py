@@ -21,6 +21,7 @@ from scipy.sparse.linalg import splu
 from .boundary import Loops, boundary_loops
 from .mesh import TriangleMesh
 from .patches import Patches
+from .ragged import runs_of_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -72,7 +73,7 @@ def solve_initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "l
     """
     points = np.zeros((len(patches.vertices), 2))
     chosen = np.zeros(len(patches), dtype=np.int64)
-    for low, high in _chunk_bounds(patches.vertex_offsets):
+    for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
         rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
         points[rows], chosen[low:high] = _solve_chunk(mesh, patches.select(np.arange(low, high)), METHODS.index(method))
     return InitialDomains(points, chosen)
@@ -100,7 +101,7 @@ class DomainQuality:
 def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Floats) -> DomainQuality:
     """Tell how evenly each domain, (M, 2), holds its surface."""
     squeeze, unusable = np.zeros(len(patches)), np.zeros(len(patches), dtype=bool)
-    for low, high in _chunk_bounds(patches.vertex_offsets):
+    for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
         part = patches.select(np.arange(low, high))
         rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
         ratio = np.maximum(_area_ratios(_Geometry.of(mesh, part), part, domains[rows]), 0.0)
@@ -113,16 +114,6 @@ def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Floats) -> Dom
         np.divide(worst, median, out=squeeze[low:high], where=median > 0)
         unusable[low:high] = ranked[first] < _UNUSABLE_RATIO
     return DomainQuality(squeeze, unusable)
-
-
-def _chunk_bounds(offsets: Integers) -> list[tuple[int, int]]:
-    """Split patches into runs of about `_CHUNK` vertices."""
-    if len(offsets) == 1:
-        return []
-    number = offsets[:-1] // _CHUNK
-    starts = np.flatnonzero(np.concatenate(([True], number[1:] != number[:-1])))
-    ends = np.concatenate((starts[1:], [len(number)]))
-    return [(int(low), int(high)) for low, high in zip(starts, ends, strict=True)]
 
 
 def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Floats, Integers]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .domain_energy import DomainEnergy, determinant
+from .ragged import runs_of_rows
 from .representation import Representation
 from .sampling import SURFACE_SAMPLES
 
@@ -173,22 +174,13 @@ def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
     vertices, triangles = representation.vertex_offsets, representation.triangle_offsets
     jacobians = np.empty((2, 2, len(representation.domains), triangles[-1]))
     area = np.empty(jacobians.shape[2:])
-    for first, end in _patch_blocks(triangles):
+    for first, end in runs_of_rows(triangles, TRIANGLES_AT_ONCE):
         own, faces = slice(vertices[first], vertices[end]), slice(triangles[first], triangles[end])
         corners = representation.corners[faces] - vertices[first]
         for c, (start, domain) in enumerate(zip(representation.initial_domains, representation.domains, strict=True)):
             energy = DomainEnergy.of(start[own].T, corners)
             jacobians[:, :, c, faces], area[c, faces] = energy.jacobian(domain[own].T), energy.area
     return jacobians, area
-
-
-def _patch_blocks(triangle_offsets: Indices) -> Iterator[tuple[int, int]]:
-    """Runs of patches, first and one past the last, with so many triangles together."""
-    count = len(triangle_offsets) - 1
-    block = triangle_offsets[:-1] // TRIANGLES_AT_ONCE
-    starts = np.flatnonzero(np.diff(block, prepend=-1))
-    for first, end in zip(starts, np.append(starts, count)[1:], strict=True):
-        yield int(first), int(end)
 
 
 def flipped_triangles(jacobians: Array, area: Array) -> int:

@@ -16,7 +16,7 @@ from .mesh import TriangleMesh
 from .patch_fit import chunk_patches, chunk_task, fit_chunk
 from .patches import build_patches
 from .settings import Settings
-from .variable_projection import PROXIMITY_DECAY
+from .variable_projection import ANNEALING_STEPS, PROXIMITY_DECAY
 
 Array = NDArray[np.float64]
 
@@ -79,4 +79,5 @@ def iterations_for_noise(settings: Settings, relative_noise: float) -> int:
     lowest = (relative_noise / LARGEST_SHIFT) ** 2
     if lowest >= settings.beta1:
         return min(1, settings.iterations)
-    return min(settings.iterations, int(np.log(lowest / settings.beta1) / np.log(PROXIMITY_DECAY)) + 1)
+    count = int(np.log(lowest / settings.beta1) / np.log(PROXIMITY_DECAY)) + 1
+    return min(count, settings.iterations) if count <= ANNEALING_STEPS else settings.iterations

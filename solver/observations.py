@@ -145,7 +145,7 @@ class MeshObservations:
         """
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
-        self._blending = blending
+        self.blending = blending
         self._weights = weights
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
         self._dense = self._small if dense is None else self._small | dense
@@ -181,7 +181,7 @@ class MeshObservations:
         own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
         if self._weights is not None:
             own *= np.einsum("nk,nk->n", self._weights[self.patches.vertices[vertices]][corners], shares)
-        blending = np.einsum("nk,nk->n", self._blending[vertices][corners], shares)
+        blending = np.einsum("nk,nk->n", self.blending[vertices][corners], shares)
         if self._overlap is not None:
             blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
         return PatchObservations(
@@ -192,14 +192,3 @@ class MeshObservations:
             blending,
             small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE,
         )
-
-    def between(self, patch: int, samples: Array) -> tuple[PatchObservations, Array]:
-        """Points inside a patch's triangles that are not observed, as if they were, and where they lie, (N, 3)."""
-        vertices = slice(*self.patches.vertex_offsets[patch : patch + 2])
-        triangles = self.patches.triangles[slice(*self.patches.triangle_offsets[patch : patch + 2])]
-        corners = np.repeat(triangles, len(samples), axis=0)
-        shares = np.tile(samples, (len(triangles), 1))
-        blending = np.einsum("nk,nk->n", self._blending[vertices][corners], shares)
-        points = np.einsum("nkd,nk->nd", self.vertices[self.patches.vertices[vertices]][corners], shares)
-        nothing = np.zeros(len(corners))
-        return PatchObservations(nothing.astype(np.int64), corners, shares, nothing, blending, ANY_DEGREE), points

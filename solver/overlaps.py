@@ -25,7 +25,7 @@ def overlap_gaps(representation: Representation) -> Array:
         fewer than two patches meet.
     """
     order = np.argsort(representation.patch_vertices, kind="stable")
-    vertices, points = representation.patch_vertices[order], representation.at_patch_vertices()[order]
+    vertices, points = representation.patch_vertices[order], representation.at_patch_vertices[order]
     gaps = np.zeros(len(representation.vertices))
     # Entries of one vertex are neighbours now: compare each with the next one, the one after that, and so on.
     for distance in range(1, len(vertices)):

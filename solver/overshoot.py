@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .observations import MeshObservations, PatchObservations
-from .patch_fit import PatchFit, values_at
+from .assembly import assemble
+from .mesh import TriangleMesh
+from .observations import MeshObservations
+from .patch_fit import PatchFit
 from .sampling import SURFACE_SAMPLES
 from .settings import Settings
 
@@ -21,18 +23,30 @@ OVERSHOOT = 2.0
 """A patch overshoots where its largest error in between is so many times the largest at its observations."""
 
 
-def overshooting(observations: MeshObservations, fits: list[PatchFit], settings: Settings) -> NDArray[np.bool_]:
+def overshooting(
+    mesh: TriangleMesh, observations: MeshObservations, fits: list[PatchFit], settings: Settings
+) -> NDArray[np.bool_]:
     """Which patches swing out between their observations, (K,); errors count with the patch's blending weight."""
-    result = np.zeros(len(fits), dtype=bool)
+    return errors_between(mesh, observations, fits, settings) > OVERSHOOT * _errors_observed(observations, fits)
+
+
+def errors_between(
+    mesh: TriangleMesh, observations: MeshObservations, fits: list[PatchFit], settings: Settings
+) -> NDArray[np.float64]:
+    """Largest error of each patch between its observations, (K,), scene units."""
+    surface = assemble(mesh, observations.patches, observations.blending, fits, settings)
+    errors = np.empty(len(surface.mesh_triangles))
+    for rows, values in surface.at_patch_samples(NEAR_EDGES):
+        flat = np.einsum("qk,tkd->tqd", NEAR_EDGES, mesh.vertices[surface.triangles[surface.mesh_triangles[rows]]])
+        weights = surface.weights[surface.corners[rows]] @ NEAR_EDGES.T
+        errors[rows] = (np.linalg.norm(values - flat, axis=2) * weights).max(axis=1)
+    return np.maximum.reduceat(errors, surface.triangle_offsets[:-1]) if len(fits) else np.zeros(0)
+
+
+def _errors_observed(observations: MeshObservations, fits: list[PatchFit]) -> NDArray[np.float64]:
+    largest = np.zeros(len(fits))
     for patch, fit in enumerate(fits):
         own = observations.of_patch(patch)
-        inner, points = observations.between(patch, NEAR_EDGES)
-        between = _largest_error(values_at(fit, inner, settings) - points, inner)
-        observed = _largest_error(fit.values - observations.points[own.number], own)
-        result[patch] = between > OVERSHOOT * observed
-    return result
-
-
-def _largest_error(differences: NDArray[np.float64], at: PatchObservations) -> float:
-    error = np.linalg.norm(differences, axis=1) * at.blending
-    return float(error.max(initial=0.0))
+        error = np.linalg.norm(fit.values - observations.points[own.number], axis=1) * own.blending
+        largest[patch] = error.max(initial=0.0)
+    return largest

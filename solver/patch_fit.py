@@ -24,7 +24,7 @@ from .solution import Solution
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SWEEP_ITERATIONS = 4
+SWEEP_ITERATIONS = 3
 """Steps that a patch takes when a sweep re-fits it."""
 
 CHUNK_PROBLEMS = 64

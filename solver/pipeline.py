@@ -191,7 +191,7 @@ def _approximate(
     iterations = iteration_measures(fits)
     if inside and not hurry:
         with watch.stage("solve"):
-            dense = overshooting(observations, fits, settings)
+            dense = overshooting(mesh, observations, fits, settings)
             observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights, inside, dense)
             surface = yield from refit_patches(observations, domains, fits, np.flatnonzero(dense), settings, crew)
     if settings.sweeps and not hurry:

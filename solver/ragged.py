@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,3 +24,11 @@ def row_positions(offsets: Integers, rows: NDArray[np.int64]) -> tuple[Integers,
     positions = np.arange(new[-1], dtype=np.int64)
     positions += np.repeat(offsets[rows] - new[:-1], sizes)
     return positions, new
+
+
+def runs_of_rows(offsets: Integers, most: int) -> Iterator[tuple[int, int]]:
+    """Split the rows into runs, first and one past the last, that each have about `most` entries together."""
+    block = offsets[:-1] // most
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    for first, end in zip(starts, np.append(starts, len(block))[1:], strict=True):
+        yield int(first), int(end)

@@ -11,12 +11,14 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .dictionary import Dictionary, coefficient_grid, combine
 from .errors import InputError
+from .ragged import runs_of_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -166,17 +168,53 @@ class Representation:
         """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
         return combine(self._grids[patch], u, v) / self.scales[patch][:, None]
 
+    @cached_property
     def at_patch_vertices(self) -> Array:
         """Each patch's own value at each of its vertices, before blending, (M, 3)."""
         values = np.empty((len(self.patch_vertices), 3))
-        for k in range(self.patches):
-            part = slice(self.vertex_offsets[k], self.vertex_offsets[k + 1])
-            values[part] = self.patch_values(k, self.domains[:, part])
+        for first, end in runs_of_rows(self.vertex_offsets, POINTS_AT_ONCE):
+            rows = slice(self.vertex_offsets[first], self.vertex_offsets[end])
+            self._patchwise(first, self.vertex_offsets[first : end + 1], self.domains[:, rows], values[rows])
         return values
+
+    def at_patch_samples(self, samples: Array) -> Iterator[tuple[slice, Array]]:
+        """Evaluate each patch by itself at the same points of each of its triangles, some patches at a time.
+
+        Parameters
+        ----------
+        samples
+            Barycentric coordinates, (q, 3).
+
+        Yields
+        ------
+        triangles
+            A run of patch triangles.
+        values
+            The patches' own surfaces there, (n, q, 3), scene units.
+        """
+        count = len(samples)
+        for first, end in runs_of_rows(self.triangle_offsets, POINTS_AT_ONCE // count):
+            rows = slice(self.triangle_offsets[first], self.triangle_offsets[end])
+            domains = np.einsum("qk,cskx->csqx", samples, self.domains[:, self.corners[rows]])
+            values = np.empty((rows.stop - rows.start, count, 3))
+            offsets = count * self.triangle_offsets[first : end + 1]
+            self._patchwise(first, offsets, domains.reshape(len(domains), -1, 2), values.reshape(-1, 3))
+            yield rows, values
+
+    def _patchwise(self, first: int, offsets: Indices, domain: Array, values: Array) -> None:
+        """Put the values of patches from `first` on at parameters (C, N, 2), split at `offsets`, into `values` (N, 3).
+
+        The tables of the polynomials are the same for all patches, and dear for each by itself.
+        """
+        u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
+        offsets = offsets - offsets[0]
+        for patch, (start, stop) in enumerate(pairwise(offsets), first):
+            own = self._combined(patch, u[..., start:stop], v[..., start:stop])
+            values[start:stop] = own.T + self.origins[patch]
 
     def at_vertices(self) -> Array:
         """The blended surface at the input vertices, (V, 3)."""
-        return self.blend_at_vertices(self.at_patch_vertices())
+        return self.blend_at_vertices(self.at_patch_vertices)
 
     def blend_at_vertices(self, values: Array) -> Array:
         """Blend the patches' values (M, 3) at the input vertices, (V, 3)."""

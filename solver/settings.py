@@ -78,7 +78,9 @@ class Settings:
         harmonic="Discrete conformal (harmonic) map to a circle",
         tutte="Tutte's embedding in a circle",
     )
-    iterations: int = number(15, 0, 200, "Steps of the domain optimisation. Time is proportional", soft=(4, 40))
+    iterations: int = number(
+        15, 0, 200, "Most steps of the domain optimisation. Patches that have settled end sooner", soft=(4, 40)
+    )
     sweeps: int = number(
         1,
         0,

@@ -37,7 +37,14 @@ class Trace:
     squared_error: list[Array] = field(default_factory=list)
     values: list[Array] = field(default_factory=list)
 
-    def note(self, batch: Batch, energy: Array, residual: Array, values: Callable[[], Array]) -> None:
+    def note(
+        self,
+        batch: Batch,
+        energy: Array,
+        residual: Array,
+        values: Callable[[], Array],
+        which: Indices | None = None,
+    ) -> None:
         """Write down an iterate.
 
         Parameters
@@ -50,12 +57,28 @@ class Trace:
             Weighted misfit at the observations, (B, D, N).
         values
             Gives the fitted values at the vertices, (B, D, m); called only where they are kept.
+        which
+            The problems' numbers among those of the trace, all where None; the others stay as they were noted last.
         """
         misfit = np.divide(residual, batch.root_weights, out=np.zeros_like(residual), where=batch.root_weights > 0.0)
-        self.energy.append(energy)
-        self.squared_error.append(np.einsum("bdn,bdn->b", misfit, misfit))
+        _append(self.energy, energy, which)
+        _append(self.squared_error, np.einsum("bdn,bdn->b", misfit, misfit), which)
         if self.keep_values:
-            self.values.append(values())
+            _append(self.values, values(), which)
+
+    def hold(self, iterations: int) -> None:
+        """Have an entry for each iteration, though nothing has moved since the last one that was noted."""
+        for history in (self.energy, self.squared_error, self.values):
+            history += history[-1:] * (iterations - len(history))
+
+
+def _append(history: list[Array], new: Array, which: Indices | None) -> None:
+    if which is None or not history:
+        history.append(new)
+        return
+    following = history[-1].copy()
+    following[which] = new
+    history.append(following)
 
 
 def summed_histories(histories: list[Array]) -> Array:

@@ -47,3 +47,12 @@ def for_both(matrix: sp.csr_matrix) -> sp.csr_matrix:
 def in_single_precision(matrix: sp.csr_matrix) -> sp.csr_matrix:
     """The matrix with float32 entries; its structure is shared."""
     return sp.csr_matrix((matrix.data.astype(np.float32), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def diagonal_blocks(matrix: sp.csr_matrix, count: int, which: Indices) -> sp.csr_matrix:
+    """Some of the blocks of a block-diagonal matrix, which has `count` of one shape; in the order of `which`."""
+    rows, columns = matrix.shape[0] // count, matrix.shape[1] // count
+    taken = matrix[(rows * which[:, None] + np.arange(rows)).ravel()]
+    moved = np.repeat(columns * (np.arange(len(which)) - which), np.diff(taken.indptr[::rows]))
+    shape = (len(which) * rows, len(which) * columns)
+    return sp.csr_matrix((taken.data, taken.indices + moved, taken.indptr), shape=shape)

@@ -169,8 +169,8 @@ def _is_single(values: NDArray[np.float64]) -> bool:
 
 def _change_by(representation: Representation, rounded: NDArray[np.float32]) -> float:
     """Largest move of a patch's surface when its domains are rounded, in longest sides."""
-    moved = replace(representation, domains=rounded.astype(np.float64)).at_patch_vertices()
-    moved -= representation.at_patch_vertices()
+    moved = replace(representation, domains=rounded.astype(np.float64)).at_patch_vertices
+    moved = moved - representation.at_patch_vertices
     size = float(np.ptp(representation.vertices, axis=0).max())
     return float(np.abs(moved).max(initial=0.0)) / size
 

@@ -3,8 +3,9 @@
 For a given domain U and support S the best coefficients follow from linear least squares; putting them in leaves the
 variable projection functional r_d(U) = (I - A_d A_d^+) b_d (Golub, Pereyra 1973).  Kaufman's approximation (1975) of
 its Jacobian, -(I - A_d A_d^+) G_d W with G_d the gradients of the fitted function at the observations, gives a
-Gauss-Newton system that conjugate gradients solve without ever forming it.  The regularisation is annealed: it shapes
-the way to the minimum and then gets out of its way.
+Gauss-Newton system that conjugate gradients solve without ever forming it.  The regularisation is annealed over the
+first steps: it shapes the way to the minimum and then gets out of its way.  From then on every problem goes on by
+itself until a step gains it little.
 """
 
 from __future__ import annotations
@@ -26,9 +27,17 @@ from .solution import Solution, Trace
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PROXIMITY_DECAY = 0.5
-RIGIDITY_DECAY = 0.6
-RESELECT_AT = (0, 3, 8)
+ANNEALING_STEPS = 8
+PROXIMITY_DECAY = 0.26
+RIGIDITY_DECAY = 0.37
+"""Factors of beta1 and beta2 from one of the annealing steps to the next."""
+RESELECT_AT = (0, 2)
+"""Annealing steps before which the functions are chosen anew."""
+SETTLED = 0.05
+"""Share of its energy that a step has to gain a problem, once the regularisation is annealed, for it to go on."""
+WORTH_MAKING_SMALLER = 0.7
+"""Share of a batch's problems below which those that still move are put into a batch of their own."""
+
 DETERMINANT_FLOOR = 0.02
 STEP_SHARE = 0.8
 FARTHEST = 100.0
@@ -75,11 +84,20 @@ class Fit:
         """Rows that span the weighted functions, (B, D, s, N)."""
         return np.matmul(self.inverse_factor, self.functions)
 
-    def put(self, which: Indices, other: Fit) -> None:
-        """Overwrite the problems `which` by those of `other`, which has the same support."""
-        for name in ("coefficients", "functions", "inverse_factor", "residual"):
-            getattr(self, name)[which] = getattr(other, name)[which]
-        self.tables[:, which] = other.tables[:, which]
+    def only(self, which: Indices) -> Fit:
+        """Some of the problems."""
+        taken = {name: getattr(self, name)[which] for name in ("support", *_CHANGING)}
+        return Fit(**taken, tables=self.tables[:, which])
+
+    def put(self, which: Indices, other: Fit, theirs: Indices) -> None:
+        """Overwrite the problems `which` by `theirs` of `other`, which have the same support."""
+        for name in _CHANGING:
+            getattr(self, name)[which] = getattr(other, name)[theirs]
+        self.tables[:, which] = other.tables[:, theirs]
+
+
+_CHANGING = ("coefficients", "functions", "inverse_factor", "residual")
+"""What changes of a fit when its domain does, problem by problem; and so do the tables."""
 
 
 @dataclass
@@ -92,10 +110,32 @@ class State:
         (2, B, m), in the problems' frames.
     fit
         Least squares over that domain.
+    damping
+        Levenberg-Marquardt damping, (B,).
+    settled
+        Whether the last step gained a problem little, (B,).
     """
 
     domain: Array
     fit: Fit
+    damping: Array
+    settled: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, domain: Array, fit: Fit) -> State:
+        """Start there, without damping."""
+        problems = domain.shape[1]
+        return cls(domain, fit, np.zeros(problems), np.zeros(problems, dtype=bool))
+
+    def only(self, which: Indices) -> State:
+        """Some of the problems."""
+        return State(self.domain[:, which], self.fit.only(which), self.damping[which], self.settled[which])
+
+    def put(self, which: Indices, other: State) -> None:
+        """Overwrite the problems `which` by all those of `other`, in that order."""
+        self.domain[:, which] = other.domain
+        self.fit.put(which, other.fit, np.arange(len(which)))
+        self.damping[which], self.settled[which] = other.damping, other.settled
 
 
 def solve(
@@ -123,7 +163,7 @@ def solve(
     sparsity
         Functions that each signal may use, s.
     iterations
-        Gauss-Newton steps.
+        Gauss-Newton steps at most.
     beta1, beta2
         Weights of eq. 4 at the first iteration; they decay geometrically.
     pursuit
@@ -138,17 +178,18 @@ def solve(
     Solution
     """
     choose = select_validated if automatic_sparsity else select
-    state = State(batch.start.copy(), choose(batch, dictionary, batch.start, sparsity, pursuit))
+    state = State.at(batch.start.copy(), choose(batch, dictionary, batch.start, sparsity, pursuit))
     trace = Trace(keep_values)
     if iterations == 0:
         _note(trace, batch, dictionary, state, state.fit.misfit)
-    damping = np.zeros(batch.problems)
-    for iteration in range(iterations):
-        weights = (beta1 * PROXIMITY_DECAY**iteration, beta2 * RIGIDITY_DECAY**iteration)
+    for iteration in range(min(iterations, ANNEALING_STEPS)):
         if iteration and iteration in RESELECT_AT:
             anew = choose(batch, dictionary, state.domain, sparsity, pursuit)
-            state.fit = merge(_generalises(anew) < _generalises(state.fit), anew, state.fit)
-        _note(trace, batch, dictionary, state, step(batch, dictionary, state, weights, damping))
+            state.fit = merge(_generalises(batch, anew) < _generalises(batch, state.fit), anew, state.fit)
+        weights = annealed_weights(iteration, beta1, beta2)
+        _note(trace, batch, dictionary, state, step(batch, dictionary, state, weights))
+    _settle(batch, dictionary, state, iterations - ANNEALING_STEPS, final_weights(iterations, beta1, beta2), trace)
+    trace.hold(iterations)
     return _solution(state, trace)
 
 
@@ -170,24 +211,43 @@ def improve(
     support
         Functions of each signal, (B, D, s).
     iterations
-        Gauss-Newton steps.
+        Gauss-Newton steps at most.
     weights
         beta1 and beta2 of eq. 4.
     """
-    state = State(domain, least_squares(batch, dictionary, domain, support))
-    damping = np.zeros(batch.problems)
+    state = State.at(domain, least_squares(batch, dictionary, domain, support))
     for _ in range(iterations):
-        step(batch, dictionary, state, weights, damping)
+        step(batch, dictionary, state, weights)
     return _solution(state, Trace())
 
 
-def _note(trace: Trace, batch: Batch, dictionary: Dictionary, state: State, energy: Array) -> None:
+def _settle(
+    batch: Batch, dictionary: Dictionary, state: State, steps: int, weights: tuple[float, float], trace: Trace
+) -> None:
+    """Go on with functions and weights held; each problem ends when a step gains it little.  Updates `state`."""
+    which, moving, part = np.arange(batch.problems), batch, state
+    for _ in range(steps):
+        going_on = np.flatnonzero(~part.settled)
+        if len(going_on) <= WORTH_MAKING_SMALLER * len(which):
+            state.put(which, part)
+            which, moving, part = which[going_on], moving.only(going_on), part.only(going_on)
+        if not len(which):
+            return
+        energy = step(moving, dictionary, part, weights)
+        _note(trace, moving, dictionary, part, energy, which)
+    state.put(which, part)
+
+
+def _note(
+    trace: Trace, batch: Batch, dictionary: Dictionary, state: State, energy: Array, which: Indices | None = None
+) -> None:
     fit = state.fit
     trace.note(
         batch,
         energy,
         fit.residual,
         lambda: dictionary.sparse_values(fit.support, fit.coefficients, state.domain[:, :, None]),
+        which,
     )
 
 
@@ -202,15 +262,20 @@ def refined_coefficients(fit: Fit) -> Array:
     return refined
 
 
+def annealed_weights(iteration: int, beta1: float, beta2: float) -> tuple[float, float]:
+    """beta1 and beta2 at an iteration, counted from 0."""
+    step = min(iteration, ANNEALING_STEPS - 1)
+    return beta1 * PROXIMITY_DECAY**step, beta2 * RIGIDITY_DECAY**step
+
+
 def final_weights(iterations: int, beta1: float, beta2: float) -> tuple[float, float]:
     """beta1 and beta2 at the last of the iterations."""
-    last = max(iterations - 1, 0)
-    return beta1 * PROXIMITY_DECAY**last, beta2 * RIGIDITY_DECAY**last
+    return annealed_weights(max(iterations - 1, 0), beta1, beta2)
 
 
 def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, pursuit: str) -> Fit:
     """Choose the functions for the given domains and fit them."""
-    gram, correlation = _normal_equations(*_weighted(batch, dictionary, domain))
+    gram, correlation = _normal_equations(batch, dictionary, domain)
     allowed = _allowed(batch, dictionary)
     pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
     # the largest gain that the best of so many functions has on noise alone
@@ -221,11 +286,11 @@ def select(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, p
 
 def select_validated(batch: Batch, dictionary: Dictionary, domain: Array, sparsity: int, pursuit: str) -> Fit:
     """Choose the functions, and how many of them each signal needs, by cross-validation."""
-    weighted, values = _weighted(batch, dictionary, domain)
     allowed = _allowed(batch, dictionary)
     most = _most(batch, allowed, sparsity)
-    wanted = validated_sparsity(weighted, values, most, allowed)
-    gram, correlation = _normal_equations(weighted, values)
+    weighted = dictionary.evaluate(batch.observed(domain)) * batch.root_weights
+    wanted = validated_sparsity(weighted, batch.values * batch.root_weights, most, allowed)
+    gram, correlation = _normal_equations(batch, dictionary, domain)
     support = np.full((*wanted.shape, most), -1, dtype=np.int64)
     pursue = least_squares_pursuit if pursuit == "ols" else matching_pursuit
     for count in np.unique(wanted):
@@ -235,16 +300,27 @@ def select_validated(batch: Batch, dictionary: Dictionary, domain: Array, sparsi
     return least_squares(batch, dictionary, domain, support)
 
 
-def _weighted(batch: Batch, dictionary: Dictionary, domain: Array) -> tuple[Array, Array]:
-    """Dictionary (B, n, N) and signals (B, D, N) at the observations, weighted."""
-    functions = dictionary.evaluate(batch.observed(domain))
-    functions *= batch.root_weights
-    return functions, batch.values * batch.root_weights
+def _normal_equations(batch: Batch, dictionary: Dictionary, domain: Array) -> tuple[Array, Array]:
+    """Gram matrices of the weighted dictionary (B, n, n), and its correlations with the weighted signals (B, D, n).
+
+    One problem at a time: the values of the whole dictionary at its observations just fit into a processor's cache.
+    """
+    u_tables, v_tables = _weighted_tables(batch, dictionary, domain)
+    values = batch.values * batch.root_weights
+    gram = np.empty((batch.problems, dictionary.size, dictionary.size))
+    correlation = np.empty((*values.shape[:2], dictionary.size))
+    for k, (u, v) in enumerate(zip(u_tables, v_tables, strict=True)):
+        functions = dictionary.products(u, v)
+        np.matmul(functions, functions.T, out=gram[k])
+        np.matmul(values[k], functions.T, out=correlation[k])
+    return gram, correlation
 
 
-def _normal_equations(functions: Array, values: Array) -> tuple[Array, Array]:
-    transposed = functions.transpose(0, 2, 1)
-    return np.matmul(functions, transposed), np.matmul(values, transposed)
+def _weighted_tables(batch: Batch, dictionary: Dictionary, domain: Array) -> Array:
+    """Values of the one-variable polynomials at u, and weighted ones at v, (2, B, t + 1, N)."""
+    tables = dictionary.tables(batch.observed(domain))
+    tables[1] *= batch.root_weights
+    return tables
 
 
 def _allowed(batch: Batch, dictionary: Dictionary) -> NDArray[np.bool_]:
@@ -257,12 +333,12 @@ def _most(batch: Batch, allowed: NDArray[np.bool_], sparsity: int) -> int:
     return min(sparsity, int(allowed.sum(axis=1).max()), batch.values.shape[-1])
 
 
-def _generalises(fit: Fit) -> Array:
+def _generalises(batch: Batch, fit: Fit) -> Array:
     """Generalised cross-validation score of each problem, (B,): the misfit, dearer the more functions it takes.
 
     With equally many functions the order is that of the misfit (Golub, Heath, Wahba 1979).
     """
-    observations = fit.residual.shape[1] * fit.residual.shape[2]
+    observations = (batch.root_weights[:, 0] > 0.0).sum(axis=1) * fit.residual.shape[1]
     functions = (fit.support >= 0).sum(axis=(1, 2))
     score: Array = fit.misfit / np.maximum(observations - functions, 1) ** 2
     return score
@@ -300,8 +376,7 @@ def merge(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
 
 def least_squares(batch: Batch, dictionary: Dictionary, domain: Array, support: Indices) -> Fit:
     """Fit given functions over given domains: Cholesky factor of the column-scaled Gram matrix."""
-    tables = dictionary.tables(batch.observed(domain))
-    tables[1] *= batch.root_weights
+    tables = _weighted_tables(batch, dictionary, domain)
     functions = _chosen(dictionary, support, tables)
     gram = np.matmul(functions, functions.swapaxes(-1, -2))
     norm = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
@@ -332,15 +407,15 @@ def _chosen(dictionary: Dictionary, support: Indices, tables: Array) -> Array:
     return functions
 
 
-def step(batch: Batch, dictionary: Dictionary, state: State, weights: tuple[float, float], damping: Array) -> Array:
-    """One damped Gauss-Newton step of every problem; returns the energies (B,) and updates `state` and `damping`."""
+def step(batch: Batch, dictionary: Dictionary, state: State, weights: tuple[float, float]) -> Array:
+    """One damped Gauss-Newton step of every problem; returns the energies (B,) and updates `state`."""
     energy, fit = batch.energy, state.fit
     flat = state.domain.reshape(2, -1)
     jacobian = energy.jacobian(flat)
     before = fit.misfit + regularisation(batch, flat, jacobian, weights)
     gradient = function_gradient(batch, dictionary, fit)
     force = downhill(batch, state, gradient, jacobian, weights).reshape(state.domain.shape)
-    move = gauss_newton_move(batch, fit.orthonormal, gradient, weights, damping, force)
+    move = gauss_newton_move(batch, fit.orthonormal, gradient, weights, state.damping, force)
     change = energy.jacobian(move)
     limit = batch.by_problem(largest_step(jacobian, change, DETERMINANT_FLOOR)).min(axis=1)
     length = np.minimum(1.0, STEP_SHARE * limit)[:, None]
@@ -351,11 +426,11 @@ def step(batch: Batch, dictionary: Dictionary, state: State, weights: tuple[floa
     # written so that what overflowed counts as worse, too
     worse = np.flatnonzero(~((after < before) & (np.abs(tried).max(axis=(0, 2)) < FARTHEST)))
     tried[:, worse] = state.domain[:, worse]
-    new.put(worse, fit)
+    new.put(worse, fit, worse)
     after[worse] = before[worse]
-    damping[worse] = np.maximum(damping[worse], 1e-3) * (8.0 / 0.3)
-    damping *= 0.3
-    state.domain, state.fit = tried, new
+    state.damping[worse] = np.maximum(state.damping[worse], 1e-3) * (8.0 / 0.3)
+    state.damping *= 0.3
+    state.domain, state.fit, state.settled = tried, new, ~(after < (1.0 - SETTLED) * before)
     return after
 
 

@@ -216,7 +216,7 @@ def figure_6(notebook: Notebook) -> Path:
             notebook.write("figure 6", {f"{method} {kind}": entry})
         own = results["paper"].representation
         vertices, points, triangles = patch_parts(own, creased_patch_of(own))
-        values = own.at_patch_vertices()[vertices]
+        values = own.at_patch_vertices[vertices]
         error = np.linalg.norm(values - points, axis=1)
         largest = largest or 2.5 * float(np.sqrt(np.mean(error**2)))
         view, start = facing(points, own.vertices), own.initial_domains[0, vertices]
@@ -256,7 +256,7 @@ def figure_8(notebook: Notebook) -> Path:
     patch = creased_patch_of(own)
     vertices, points, triangles = patch_parts(own, patch)
     start, domain = own.initial_domains[0, vertices], own.domains[0, vertices]
-    values = own.at_patch_vertices()[vertices]
+    values = own.at_patch_vertices[vertices]
     page = Page(2, 5)
     page.picture(0, 0, shoot([Shown(points, triangles, GREEN)], facing(points, own.vertices)), "input patch")
     page.domain(1, 0, start, triangles, "initial domain")

@@ -43,7 +43,7 @@ def heat(result: Approximation, faces: Indices, largest: float) -> Shown:
 
 def overlapping_pair(surface: Representation) -> tuple[int, int]:
     """Return the two patches that share a middling number of vertices and differ most there."""
-    points = surface.at_patch_vertices()
+    points = surface.at_patch_vertices
     best, pair = -1.0, (0, 1)
     for first in range(surface.patches):
         one = slice(*surface.vertex_offsets[first : first + 2])
@@ -108,7 +108,7 @@ def figure_9(notebook: Notebook) -> Path:
 
 def draw_separate(page: Page, row: int, name: str, surface: Representation, pair: tuple[int, int]) -> None:
     """Draw two overlapping patches, their fits, and all the patches' fits over one another."""
-    values = surface.at_patch_vertices()
+    values = surface.at_patch_vertices
     parts = [patch_parts(surface, patch) for patch in pair]
     close = np.concatenate([points for _, points, _ in parts])
     near = facing(close, surface.vertices)

@@ -52,7 +52,7 @@ def test_domains_and_functions_are_those_of_the_representation(result):
         placed = scenes.positions(made[f"Patch 2 {name} Domain"].data)
         assert np.allclose(placed[:, :2], domain[own], atol=1e-6)
         assert not placed[:, 2].any()
-    values = surface.at_patch_vertices()[own]
+    values = surface.at_patch_vertices[own]
     for d, axis in enumerate("xyz"):
         placed = scenes.positions(made[f"Patch 2 {axis}(u, v)"].data)[:size]
         assert np.allclose(placed[:, :2], surface.domains[0, own], atol=1e-6)

@@ -108,7 +108,7 @@ def test_a_single_patch_is_a_representation_of_its_own() -> None:
     surface = representation()
     alone = single_patch(surface, 1)
     own = slice(*surface.vertex_offsets[1:3])
-    np.testing.assert_allclose(alone.at_vertices(), surface.at_patch_vertices()[own], atol=1e-13)
+    np.testing.assert_allclose(alone.at_vertices(), surface.at_patch_vertices[own], atol=1e-13)
     assert alone.patches == 1
 
 

@@ -15,7 +15,7 @@ QUICK = Settings(method="traditional", ring=4, degree=8, sparsity=8, sweeps=0)
 
 def test_gaps_are_the_largest_distances_between_pairs_of_patches() -> None:
     surface = approximate(*cube(8), QUICK).representation
-    points = surface.at_patch_vertices()
+    points = surface.at_patch_vertices
     expected = np.zeros(len(surface.vertices))
     for vertex in range(len(surface.vertices)):
         own = points[surface.patch_vertices == vertex]
