@@ -28,14 +28,15 @@ def assemble(
     channels = channels_of(settings)
     sparsity = max((fit.support.shape[1] for fit in fits), default=0)
     iterations = max((len(fit.energy) for fit in fits), default=0)
-    energies = [np.pad(fit.energy, (0, iterations - len(fit.energy)), constant_values=np.nan) for fit in fits]
 
     def joined(arrays: list[Array]) -> Array:
         return np.concatenate(arrays, axis=1) if arrays else np.zeros((channels, 0, 2))
 
-    def padded(arrays: list[NDArray[Any]], filler: int) -> NDArray[Any]:
-        wide = [np.pad(a, ((0, 0), (0, sparsity - a.shape[1])), constant_values=filler) for a in arrays]
-        return np.stack(wide) if wide else np.zeros((0, 3, 0))
+    def padded(arrays: list[NDArray[Any]], shape: tuple[int, ...], filler: float) -> NDArray[Any]:
+        wide = np.full((len(arrays), *shape), filler, dtype=arrays[0].dtype if arrays else np.float64)
+        for row, array in zip(wide, arrays, strict=True):
+            row[..., : array.shape[-1]] = array
+        return wide
 
     return Representation(
         vertices=mesh.vertices,
@@ -56,7 +57,7 @@ def assemble(
         scales=np.array([[f.scale for f in fit.frames] for fit in fits]).reshape(-1, channels),
         basis=settings.basis,
         degree=settings.degree,
-        support=padded([fit.support for fit in fits], -1).astype(np.int64),
-        coefficients=padded([fit.coefficients for fit in fits], 0).astype(np.float64),
-        energy=np.array(energies).reshape(len(fits), iterations),
+        support=padded([fit.support for fit in fits], (3, sparsity), -1).astype(np.int64),
+        coefficients=padded([fit.coefficients for fit in fits], (3, sparsity), 0.0),
+        energy=padded([fit.energy for fit in fits], (iterations,), np.nan),
     )

@@ -192,8 +192,11 @@ def _approximate(
     if inside and not hurry:
         with watch.stage("solve"):
             dense = overshooting(mesh, observations, fits, settings)
-            observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights, inside, dense)
-            surface = yield from refit_patches(observations, domains, fits, np.flatnonzero(dense), settings, crew)
+            if dense.any():
+                observations = MeshObservations(
+                    mesh, patches, blend, settings.blending, observation_weights, inside, dense
+                )
+                surface = yield from refit_patches(observations, domains, fits, np.flatnonzero(dense), settings, crew)
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
             yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
