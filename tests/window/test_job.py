@@ -84,7 +84,7 @@ def test_what_a_run_shows_costs_little():
         lines.append(status.status_text(run) if run is not None else "")
         show(context, run)
 
-    yield from start_job(iterations=60)
+    yield from start_job(120, iterations=60)
     mesh_data.update_preview, status.show_status = slow_update, noted_show
     try:
         yield from driver.wait_for(lambda: updates, 120.0, "preview")

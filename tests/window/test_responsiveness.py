@@ -7,8 +7,8 @@ preview are boxes, and the viewport's anti-aliasing is off, in the idle window t
 pictures after any change of any object up to 1.7 times as long (165 ms on two free cores without a solver).
 
 Noise only ever adds to a tick, so of up to three rounds (idle, solving, idle) one that keeps the bounds is enough.
-Where other work leaves not even the idle window below 150 ms, the largest tick cannot show anything there; it is then
-held to 1.5 times the idle window's.  What does not depend on the machine's other work is asserted in every round: the
+Where other work leaves the idle window below 150 ms neither before nor after, that bound can show nothing; the largest
+tick is then held to 1.5 times the idle window's.  What does not depend on the machine's other work is asserted in every round: the
 processor time of the operator's steps, and that the solver's processes give way.
 """
 
@@ -154,7 +154,7 @@ def beyond_bounds(before: Figures, solving: Figures, after: Figures) -> str:
     idle = max(before.high, after.high)
     if solving.high > FACTOR * idle:
         return f"p95 of {solving.high:.0f} ms exceeds {FACTOR} times the idle window's {idle:.0f}"
-    largest = max(before.largest, after.largest)
+    largest = min(before.largest, after.largest)
     bound = LARGEST if largest <= LARGEST else FACTOR * largest
     if solving.largest > bound:
         return f"the largest tick of {solving.largest:.0f} ms exceeds {bound:.0f}"
