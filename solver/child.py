@@ -20,7 +20,12 @@ THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "
 
 
 def start_child(
-    module: str, *arguments: str, python: Sequence[str] = (), stderr: IO[bytes], cwd: Path | None = None
+    module: str,
+    *arguments: str,
+    python: Sequence[str] = (),
+    stderr: IO[bytes],
+    cwd: Path | None = None,
+    gives_way: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Start a Python that calls `serve(*arguments)` of the solver's module of this name.
 
@@ -38,9 +43,18 @@ def start_child(
         Where the child's complaints go; not a pipe, which nobody would empty.
     cwd
         Its working folder.
+    gives_way
+        Whether it takes processors only while nothing else wants them; children that it starts do the same.
     """
-    order = {"module_search_path": [str(p) for p in sys.path], "module": module, "arguments": arguments}
+    order = {
+        "module_search_path": [str(p) for p in sys.path],
+        "module": module,
+        "arguments": arguments,
+        "gives_way": gives_way,  # elsewhere than on Windows the child sees to that itself
+    }
     flags = getattr(subprocess, "CREATE_NO_WINDOW", 0) | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
+    if gives_way:
+        flags |= getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
     script = Path(__file__).resolve().with_name("worker.py")
     return subprocess.Popen(
         [*(python or (sys.executable,)), str(script), json.dumps(order)],

@@ -231,7 +231,7 @@ class Job:
 
     def _start_child(self) -> subprocess.Popen[bytes]:
         with open(self.folder / "log.txt", "wb") as log:
-            return start_child("job", str(self.folder), python=self.python, stderr=log, cwd=self.folder)
+            return start_child("job", str(self.folder), python=self.python, stderr=log, cwd=self.folder, gives_way=True)
 
     def _progress(self, message: Mapping[str, Any], earlier: Progress | None) -> Progress:
         vertices = earlier.vertices if earlier is not None else None
@@ -271,7 +271,6 @@ def _read_lines(stream: IO[bytes], messages: queue.SimpleQueue[dict[str, Any] | 
 def serve(job_folder: str) -> int:
     """Run the job that the folder holds and tell its owner; return the process's exit code."""
     folder = Path(job_folder)
-    _give_way()
     incoming, outgoing = private_channels()
     send = _sender(outgoing)
     requests = _Requests(folder, incoming)
@@ -285,17 +284,6 @@ def serve(job_folder: str) -> int:
         traceback.print_exc()
         send(kind="failed", text=str(WorkerError(f"The solver failed ({type(error).__name__}: {error}).")))
     return 1
-
-
-def _give_way() -> None:
-    """Let the owner's window go first where processors are scarce; this process's own workers inherit it."""
-    if sys.platform == "win32":
-        import ctypes
-
-        below_normal = 0x4000
-        ctypes.windll.kernel32.SetPriorityClass(ctypes.windll.kernel32.GetCurrentProcess(), below_normal)
-    else:
-        os.nice(5)
 
 
 def _run(folder: Path, send: Callable[..., None], requests: _Requests) -> None:

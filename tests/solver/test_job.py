@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sparse_surface.solver import FINISH, Settings, approximate
+from sparse_surface.solver.child import start_child
 from sparse_surface.solver.job import Job, MeshArrays, approximate_arrays
 from sparse_surface.solver.models import cube
 from sparse_surface.solver.progress import Progress, run_to_end
@@ -186,6 +189,29 @@ def test_a_killed_process_is_told(job: Job) -> None:
     job._process.kill()
     wait(job, seconds=5.0)
     assert "ended before its work was done" in job.failure
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="another system's means are tested below")
+def test_every_process_gives_way(job: Job) -> None:
+    """The window draws with threads that wake up all the time; each time it must get its processor at once."""
+    job.start(creased_grid(100), Settings(workers=2))
+    wait_for_progress(job)
+    assert job._process is not None
+    family = [job._process.pid, *descendants(job._process.pid)]
+    assert len(family) == 3
+    assert {os.sched_getscheduler(member) for member in family} == {os.SCHED_IDLE}
+    assert os.sched_getscheduler(0) != os.SCHED_IDLE
+
+
+def test_a_child_gives_way_on_windows_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There its owner decides that, when it starts it."""
+    started: list[int] = []
+    monkeypatch.setattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0x4000, raising=False)
+    monkeypatch.setattr(subprocess, "Popen", lambda *args, creationflags, **kwargs: started.append(creationflags))
+    with tempfile.TemporaryFile() as log:
+        start_child("job", "folder", stderr=log, gives_way=True)
+        start_child("job", "folder", stderr=log)
+    assert [flags & 0x4000 for flags in started] == [0x4000, 0]
 
 
 def test_a_python_that_cannot_start_is_told(tmp_path: Path) -> None:
