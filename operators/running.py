@@ -43,6 +43,10 @@ class Run:
         One sentence for each object that has no result.
     progress
         What the solver said last, its fraction that of the whole run.
+    shown, shown_at
+        The workspace and the line of progress that is drawn there, and since when.
+    next_preview
+        The time before which no preview is drawn.
     """
 
     tasks: list[tuple[Source | CloudSource, Settings]]
@@ -54,6 +58,9 @@ class Run:
     waiting: bool = False
     timer: Timer | None = None
     started: float = field(default_factory=time.monotonic)
+    shown: tuple[str, str] = ("", "")
+    shown_at: float = 0.0
+    next_preview: float = 0.0
     _begun: int = 0
     _job: Job | None = None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,12 +18,15 @@ from ..solver.settings import Settings
 from . import estimate, running
 from .preferences import preferred_workers
 from .result_object import PREVIEW, remove_previews
-from .status import redraw_progress, show_status
+from .status import show_progress
 
 if TYPE_CHECKING:
     from ..solver.progress import Progress
     from .cloud_data import CloudSource
     from .mesh_data import Source
+
+PREVIEW_REST = 20.0
+"""How many times as long as a preview held the window up there is none after it."""
 
 Task = tuple[Any, Settings]
 """What is read from an object, a `Source` or a `CloudSource`, and the settings."""
@@ -98,19 +103,21 @@ class Solving:
     def _step(self, context: Context, run: running.Run) -> set[str]:
         said = run.advance()
         if said is not None and said.vertices is not None and run.current_source is not None:
-            self._show_preview(context, run.current_source, said.vertices)
+            self._show_preview(context, run, run.current_source, said.vertices)
         # An object that is made outside of Object Mode would be lost to undo.
         run.waiting = run.done and context.mode != "OBJECT"
         if not run.done or run.waiting:
-            show_status(context, run)
-            redraw_progress(context)
+            show_progress(context, run)
             return {"PASS_THROUGH"}
         running.stop()
         return self._conclude(context, run.results, run.refusals)
 
-    def _show_preview(self, context: Context, source: Any, positions: Any) -> None:
+    def _show_preview(self, context: Context, run: running.Run, source: Any, positions: Any) -> None:
         from . import mesh_data
 
+        began = time.monotonic()
+        if began < run.next_preview:
+            return
         preview = mesh_data.find_object(self._preview_uid)
         if preview is None or PREVIEW not in preview or preview[PREVIEW] != source.session_uid:
             remove_previews()
@@ -118,6 +125,7 @@ class Solving:
         if preview is not None:
             self._preview_uid = preview.session_uid
             mesh_data.update_preview(preview, source, positions, context.scene)
+            _rest_after_preview(run, began)
 
     def _conclude(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> set[str]:
         """Make the objects and say for each what came out; with nothing made it is an error."""
@@ -145,6 +153,18 @@ class Solving:
             line = text.format(name, report["patches"], error["rms"], error["max"], seconds)
         self.report({"INFO"}, line)
         estimate.learn(report)
+
+
+def _rest_after_preview(run: running.Run, began: float) -> None:
+    """Keep previews to a small share of the window's time, however long this mesh takes to draw on this machine."""
+
+    def drawn() -> None:
+        now = time.monotonic()
+        run.next_preview = now + PREVIEW_REST * (now - began)
+
+    run.next_preview = math.inf
+    # Timers are called next when Blender has taken the mesh in and drawn it.
+    bpy.app.timers.register(drawn, first_interval=0.0)
 
 
 def scene_settings(context: Context) -> Settings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 import bpy
@@ -10,6 +11,20 @@ from bpy.types import Context
 
 if TYPE_CHECKING:
     from .running import Run
+
+
+SECONDS_BETWEEN_LOOKS = 0.25
+"""Progress is drawn anew no more often than it can be read: even a small part of a window costs drawing all of it."""
+
+
+def show_progress(context: Context, run: Run) -> None:
+    """Draw a run's progress in the status bar and the sidebars, where it differs from what they show."""
+    now = time.monotonic()
+    text = (context.workspace.name if context.workspace is not None else "", status_text(run))
+    if text != run.shown and now - run.shown_at >= SECONDS_BETWEEN_LOOKS:
+        run.shown, run.shown_at = text, now
+        show_status(context, run)
+        redraw_progress(context)
 
 
 def status_text(run: Run) -> str:
