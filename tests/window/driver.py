@@ -1,8 +1,9 @@
 """Drives the window that Blender has open: what the tests in this folder share.
 
 Each ``test_*.py`` here is a script for one Blender with a window, in which the extension is enabled:
-``blender --enable-event-simulate --python tests/window/test_x.py -- FOLDER``.  Pictures of the window go into
-FOLDER.  Blender ends with exit code 0 when the test has passed and 1 when it has failed.
+``blender --enable-event-simulate --python tests/window/test_x.py -- FOLDER`` (the option only where it presses keys:
+see `scripts/test_window.py`).  Pictures of the window go into FOLDER.  Blender ends with exit code 0 when the test has
+passed and 1 when it has failed.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ def run(*tests: Callable[[], Steps]) -> None:
     """Run tests one after the other, then quit Blender; the first that fails ends it at once."""
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.use_save_prompt = False
+    bpy.context.preferences.use_preferences_save = False  # what a test changes is not for the next one
     steps = _chain(tests)
 
     def step() -> float | None:
