@@ -2,6 +2,7 @@
 
     python scripts/test_window.py                        every script in every Blender that is found
     python scripts/test_window.py test_panel             one of them
+    python scripts/test_window.py --where-available      as CI: no failure where there is no Blender to test in
 
 The Blender is the executable that the environment variable BLENDER names (it needs a display), or else the tool
 ../shared/tools/real-blender in its versions 5.2 and 4.3.  The extension is installed from the built zip into an empty
@@ -28,6 +29,10 @@ TOOL_VERSIONS = ("5.2", "4.3")
 TIMEOUT = 600
 
 
+class Unavailable(Exception):
+    """There is no such Blender on this machine, for a reason which is not this project's."""
+
+
 @dataclass(frozen=True)
 class Executable:
     """A Blender that is installed on this machine."""
@@ -38,12 +43,15 @@ class Executable:
     # An official Blender comes without SciPy.
     zip_kind = this_platform()
 
+    def set_up(self) -> None:
+        """Nothing is to be done: who names a Blender has it."""
+
     def install(self, zip_path: Path, home: Path) -> None:
         command = [self.path, "--command", "extension", "install-file", "-r", "user_default", "-e", str(zip_path)]
         subprocess.run(command, check=True, env=self.environ(home), timeout=TIMEOUT)
 
     def run(self, script: Path, folder: Path, home: Path, log: Path) -> int:
-        command = [self.path, "--enable-event-simulate", "--python-exit-code", "1", "--python", str(script)]
+        command = [self.path, *event_options(script), "--python-exit-code", "1", "--python", str(script)]
         with log.open("wb") as file:
             done = subprocess.run(
                 [*command, "--", str(folder)], stdout=file, stderr=file, env=self.environ(home), timeout=TIMEOUT
@@ -67,9 +75,17 @@ class ToolVersion:
     def name(self) -> str:
         return f"blender-{self.version}"
 
+    def set_up(self) -> None:
+        """Have the tool install this version where it is not yet; that takes minutes, a mirror and root."""
+        try:
+            subprocess.run([str(TOOL), self.version, "setup"], check=True, capture_output=True, timeout=TIMEOUT)
+        except subprocess.TimeoutExpired as error:
+            raise Unavailable(f"{TOOL.name} was not done with its set-up after {TIMEOUT} s") from error
+        except (OSError, subprocess.CalledProcessError) as error:
+            said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip().splitlines()
+            raise Unavailable(said[-1] if said else str(error)) from error
+
     def install(self, zip_path: Path, home: Path) -> None:
-        # Does nothing where it is set up already.
-        subprocess.run([str(TOOL), self.version, "setup"], check=True, stdout=subprocess.DEVNULL)
         # The options come before Blender's own arguments.
         command = [str(TOOL), self.version, "run", "--home", str(home), "--bind", str(zip_path.parent)]
         install = ["--command", "extension", "install-file", "-r", "user_default", "-e", str(zip_path)]
@@ -80,9 +96,18 @@ class ToolVersion:
         command = [str(TOOL), self.version, "gui", str(script), *options, "--timeout", str(TIMEOUT)]
         with log.open("wb") as file:
             done = subprocess.run(
-                [*command, "--enable-event-simulate", "--", str(folder)], stdout=file, stderr=file, cwd=CHECKOUT
+                [*command, *event_options(script), "--", str(folder)], stdout=file, stderr=file, cwd=CHECKOUT
             )
         return done.returncode
+
+
+def event_options(script: Path) -> list[str]:
+    """Return the option that lets a script press keys, if it does.
+
+    With it Blender's main loop never sleeps: one core is busy however idle the window is.  So what measures time or
+    load does without.
+    """
+    return ["--enable-event-simulate"] if "driver.press(" in script.read_text(encoding="utf-8") else []
 
 
 def blenders() -> list[Executable | ToolVersion]:
@@ -124,21 +149,28 @@ def main(arguments: list[str] | None = None) -> int:
     every = sorted(path.stem for path in SCRIPTS.glob("test_*.py"))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scripts", nargs="*", choices=[[], *every], metavar="SCRIPT", help=", ".join(every))
+    parser.add_argument("--where-available", action="store_true", help="do not fail where a Blender cannot be had")
     options = parser.parse_args(arguments)
-    found = blenders()
-    if not found:
-        print("There is no Blender with a window: name one with BLENDER=/path/to/blender.", file=sys.stderr)
-        return 1
+    scripts = [SCRIPTS / f"{name}.py" for name in options.scripts or every]
     codes: list[int] = []
+    missing: list[str] = []
     try:
-        for blender in found:
-            scripts = [SCRIPTS / f"{name}.py" for name in options.scripts or every]
+        for blender in blenders():
+            try:
+                blender.set_up()
+            except Unavailable as error:
+                missing.append(f"{blender.name}: {error}")
+                continue
             codes += [code for _, code, _ in run_scripts(blender, scripts)]
     except (BuildError, WheelError, OSError, subprocess.SubprocessError) as error:
         print(error, file=sys.stderr)
         return 1
+    if not codes and not missing:
+        missing.append("there is no Blender with a window; name one with BLENDER=/path/to/blender")
+    for reason in missing:
+        print(f"Window tests were not run: {reason}", file=sys.stderr)
     print(f"{codes.count(0)} passed, {len(codes) - codes.count(0)} failed")
-    return 0 if codes and not any(codes) else 1
+    return 1 if any(codes) or (missing and not options.where_available) else 0
 
 
 if __name__ == "__main__":

@@ -220,6 +220,38 @@ def test_find_python_skips_what_does_not_run(tmp_path: Path) -> None:
     assert len(missing.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize("tool", ["absent", "broken"])
+def test_ci_does_not_fail_where_no_window_can_be_had(
+    tool: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It says so in one line for each Blender; whoever asks for the window tests gets a failure."""
+    window = script("test_window")
+    path = tmp_path / "real-blender"
+    if tool == "broken":
+        path.write_text("#!/bin/sh\necho no mirror >&2\nexit 2\n")
+        path.chmod(0o755)
+    monkeypatch.delenv("BLENDER", raising=False)
+    monkeypatch.setattr(window, "TOOL", path)
+    assert window.main(["--where-available"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == (1 if tool == "absent" else 2)
+    assert all(line.startswith("Window tests were not run: ") for line in lines)
+    assert tool == "absent" or all("no mirror" in line for line in lines)
+    assert window.main([]) == 1
+
+
+def test_a_failing_window_test_fails_ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    window = script("test_window")
+    tool = tmp_path / "real-blender"
+    tool.write_text('#!/bin/sh\n[ "$2" != gui ] || { echo "passed test_one (1 s)"; exit 1; }\n')
+    tool.chmod(0o755)
+    monkeypatch.delenv("BLENDER", raising=False)
+    monkeypatch.setattr(window, "TOOL", tool)
+    monkeypatch.setattr(window, "OUT", tmp_path / "out")
+    monkeypatch.setattr(window, "build", lambda kind, folder: folder / "extension.zip")
+    assert window.main(["--where-available", "test_quit"]) == 1
+
+
 def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     source, files = tmp_path / "source", script("build_extension").package_files()
     # Measuring is for those who work on the library; the extension goes without.
