@@ -50,7 +50,7 @@ def test_job_runs_to_its_end_with_progress_and_preview():
         run = driver.running()
         if run is not None and run.progress is not None:
             fractions.append(run.progress.fraction)
-        if len(fractions) == 40:
+        if len(fractions) == 5:
             driver.shot("job_running")
         return run is None
 
@@ -113,6 +113,40 @@ def test_one_undo_step_takes_the_result_back_and_redo_brings_it_again():
     yield 0.3
     assert bpy.data.objects[RESULT].data.attributes["error"].data[0].value >= 0.0
     assert bpy.data.objects[RESULT]["sparse_surface"]["patches"] > 20
+
+
+def test_what_a_run_shows_costs_little():
+    """Slow previews are seldom, and progress is drawn no more often than it can be read."""
+    mesh_data, status = driver.module("operators.mesh_data"), driver.module("operators.status")
+    update, show = mesh_data.update_preview, status.show_status
+    updates: list[float] = []
+    lines: list[str] = []
+
+    def slow_update(*arguments):
+        updates.append(time.monotonic())
+        update(*arguments)
+        time.sleep(0.3)
+
+    def noted_show(context, run):
+        lines.append(status.status_text(run) if run is not None else "")
+        show(context, run)
+
+    yield from start_job(120, iterations=60)
+    mesh_data.update_preview, status.show_status = slow_update, noted_show
+    try:
+        yield from driver.wait_for(lambda: updates, 120.0, "preview")
+        lines.clear()
+        began = time.monotonic()
+        yield 4.0
+        passed = time.monotonic() - began
+        assert len(updates) == 1
+        assert 1 <= len(lines) <= 1 + passed / status.SECONDS_BETWEEN_LOOKS
+        assert len(set(lines)) == len(lines)
+        assert driver.running() is not None
+    finally:
+        mesh_data.update_preview, status.show_status = update, show
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
 
 
 def test_escape_ends_it():
@@ -209,7 +243,7 @@ def test_renaming_and_moving_the_source_is_followed():
 
 
 def test_undo_during_the_job():
-    yield from start_job(40, iterations=4, sweeps=0)
+    yield from start_job(80)  # lasts long enough to be seen
     yield from driver.wait_for(lambda: "Sparse Surface Preview" in bpy.data.objects, 120.0, "preview")
     with driver.in_viewport():
         bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))

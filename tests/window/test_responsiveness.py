@@ -8,8 +8,8 @@ pictures after any change of any object up to 1.7 times as long (165 ms on two f
 
 Noise only ever adds to a tick, so of up to three rounds (idle, solving, idle) one that keeps the bounds is enough.
 Where other work leaves the idle window below 150 ms neither before nor after, that bound can show nothing; the largest
-tick is then held to 1.5 times the idle window's.  What does not depend on the machine's other work is asserted in every round: the
-processor time of the operator's steps, and that the solver's processes give way.
+tick is then held to 1.5 times the idle window's.  What does not depend on the machine's other work is asserted in every
+round: the processor time of the operator's steps, and that the solver's processes give way.
 """
 
 from __future__ import annotations
