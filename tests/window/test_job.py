@@ -68,40 +68,6 @@ def test_job_runs_to_its_end_with_progress_and_preview():
     yield from driver.wait_for(lambda: not driver.children(), 2.0, "end of the child")
 
 
-def test_what_a_run_shows_costs_little():
-    """Slow previews are seldom, and progress is drawn no more often than it can be read."""
-    mesh_data, status = driver.module("operators.mesh_data"), driver.module("operators.status")
-    update, show = mesh_data.update_preview, status.show_status
-    updates: list[float] = []
-    lines: list[str] = []
-
-    def slow_update(*arguments):
-        updates.append(time.monotonic())
-        update(*arguments)
-        time.sleep(0.3)
-
-    def noted_show(context, run):
-        lines.append(status.status_text(run) if run is not None else "")
-        show(context, run)
-
-    yield from start_job(120, iterations=60)
-    mesh_data.update_preview, status.show_status = slow_update, noted_show
-    try:
-        yield from driver.wait_for(lambda: updates, 120.0, "preview")
-        lines.clear()
-        began = time.monotonic()
-        yield 4.0
-        passed = time.monotonic() - began
-        assert len(updates) == 1
-        assert 1 <= len(lines) <= 1 + passed / status.SECONDS_BETWEEN_LOOKS
-        assert len(set(lines)) == len(lines)
-        assert driver.running() is not None
-    finally:
-        mesh_data.update_preview, status.show_status = update, show
-    driver.press("ESC")
-    yield from assert_nothing_left({"Creased"})
-
-
 def test_one_undo_step_takes_the_result_back_and_redo_brings_it_again():
     with driver.in_viewport():
         bpy.ops.ed.undo()
