@@ -211,7 +211,7 @@ def improve(
     support
         Functions of each signal, (B, D, s).
     iterations
-        Gauss-Newton steps at most.
+        Gauss-Newton steps.
     weights
         beta1 and beta2 of eq. 4.
     """

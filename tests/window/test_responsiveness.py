@@ -1,15 +1,8 @@
 """Blender stays usable while the solver works: the redraw tick, side by side with that of the idle window.
 
-The bounds are the issue's: while the bunny's number of vertices is being solved, the 95th percentile of the tick stays
-within 1.5 times that of the idle window, and no tick takes 150 ms.  What is measured is what the solver takes from the
-window, not how fast Blender draws, which on a machine without a graphics card (CI) is slow: the source and so its
-preview are boxes, and the viewport's anti-aliasing is off, in the idle window too.  With it, Blender draws the eight
-pictures after any change of any object up to 1.7 times as long (165 ms on two free cores without a solver).
-
-Noise only ever adds to a tick, so of up to three rounds (idle, solving, idle) one that keeps the bounds is enough.
-Where other work leaves the idle window below 150 ms neither before nor after, that bound can show nothing; the largest
-tick is then held to 1.5 times the idle window's.  What does not depend on the machine's other work is asserted in every
-round: the processor time of the operator's steps, and that the solver's processes give way.
+While the bunny's number of vertices is being solved, the 95th percentile of the tick stays within 1.5 times that of the
+idle window, and no tick takes more than 150 ms, whatever the idle window does.  The source and so its preview are boxes:
+how fast a large mesh is drawn, by software where there is no graphics card, is not what is measured.
 """
 
 from __future__ import annotations
@@ -26,7 +19,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 import driver
 
 SECONDS = 12.0
-ROUNDS = 3
 SIZE = 187
 """Vertices along a side of the sheet: as many vertices as the bunny has."""
 
@@ -127,7 +119,6 @@ def measure_solving() -> driver.Steps:
 
 def test_redraws_go_on_while_the_solver_works():
     bpy.utils.register_class(TEST_OT_tick)
-    bpy.context.preferences.system.viewport_aa = "OFF"
     driver.clear_scene()
     bpy.context.scene.sparse_surface.iterations = 30
     driver.add_creased_grid(SIZE).display_type = "BOUNDS"
@@ -136,29 +127,13 @@ def test_redraws_go_on_while_the_solver_works():
     meter_steps(spent)
     yield 1.0
     before = yield from measure("idle")
-    for _ in range(ROUNDS):
-        solving = yield from measure_solving()
-        after = yield from measure("idle")
-        missed = beyond_bounds(before, solving, after)
-        if not missed:
-            break
-        print(missed, flush=True)
-        before = after
+    solving = yield from measure_solving()
+    after = yield from measure("idle")
     print(f"the operator's own steps: {len(spent)}, at most {max(spent):.0f} ms of processor time")
     assert max(spent) < 50.0
-    assert not missed, f"in each of {ROUNDS} rounds; in the last {missed}"
-
-
-def beyond_bounds(before: Figures, solving: Figures, after: Figures) -> str:
-    """Return which bound a round does not keep, or nothing."""
     idle = max(before.high, after.high)
-    if solving.high > FACTOR * idle:
-        return f"p95 of {solving.high:.0f} ms exceeds {FACTOR} times the idle window's {idle:.0f}"
-    largest = min(before.largest, after.largest)
-    bound = LARGEST if largest <= LARGEST else FACTOR * largest
-    if solving.largest > bound:
-        return f"the largest tick of {solving.largest:.0f} ms exceeds {bound:.0f}"
-    return ""
+    assert solving.high <= FACTOR * idle, (solving, idle)
+    assert solving.largest <= LARGEST, solving
 
 
 if __name__ == "__main__":
