@@ -1,7 +1,7 @@
 """Blender stays usable while the solver works: the redraw tick, side by side with that of the idle window.
 
-While the bunny's number of vertices is being solved, the 95th percentile of the tick stays within 1.5 times that of the
-idle window, and no tick takes more than 150 ms, whatever the idle window does.  The source and so its preview are boxes:
+While the bunny's number of vertices is being solved, the 95th percentile of the tick stays within 1.5 times the idle
+window's, and no tick takes more than 150 ms, whatever the idle window does.  The source and so its preview are boxes:
 how fast a large mesh is drawn, by software where there is no graphics card, is not what is measured.
 """
 
