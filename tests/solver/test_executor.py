@@ -186,7 +186,8 @@ def test_a_forgotten_executor_takes_its_children_with_it(living_children: Callab
 
 
 OWNER = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
 from sparse_surface.solver.executor import WorkerExecutor
 import os
 workers = WorkerExecutor(2)
