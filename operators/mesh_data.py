@@ -9,20 +9,18 @@ from typing import Any, Protocol
 
 import bpy
 import numpy as np
-from bpy.types import Collection, Context, Depsgraph, Mesh, Object, Scene
+from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 from numpy.typing import NDArray
 
 from ..solver.errors import InputError
 from ..solver.job import MeshArrays
 from .colour_ramp import ColourScale
-from .heat_map import colour_scale
 from .iteration_keys import add_iteration_keys
 from .result_object import (
     DOMAIN_STRETCH,
     ERROR,
     ERROR_COLOUR,
     PATCH,
-    PREVIEW,
     REPORT,
     REPRESENTATION,
     SCALE,
@@ -446,33 +444,3 @@ def write_error(coloured: Object, error: NDArray[np.floating], scale: ColourScal
     """Write the errors (V,) of an object's vertices, their colours, and the scale for the legend."""
     write_layers(coloured.data, {ERROR: error, ERROR_COLOUR: scale.colours(error)})
     store_scale(coloured, scale)
-
-
-# The surface while it is solved
-
-
-def create_preview(context: Context, source: Source) -> Object | None:
-    """Show a copy of the source that `update_preview` moves; None where the source is gone or changed."""
-    try:
-        made_from = _unchanged_source(source, context)
-        mesh = _copy_mesh(made_from, source, context)
-    except InputError:
-        return None
-    mesh.name = "Sparse Surface Preview"
-    preview = bpy.data.objects.new("Sparse Surface Preview", mesh)
-    preview[PREVIEW] = source.session_uid
-    preview.hide_select = preview.hide_render = True
-    preview.display_type = made_from.display_type
-    preview.show_in_front = True  # the source lies in the same place
-    link_beside(preview, made_from, context)
-    place_like(preview, made_from)
-    return preview
-
-
-def update_preview(preview: Object, source: Source, positions: NDArray[np.float32], scene: Scene) -> None:
-    """Move the preview's vertices to positions in the frame of `source.arrays` and colour how far they are."""
-    if preview.mode != "OBJECT" or len(preview.data.vertices) != len(positions):
-        return
-    set_positions(preview.data, source.lengths.to_local(positions))
-    error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
-    write_error(preview, error, colour_scale(scene, error))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import bpy
 from bpy.types import Object
 
 REPORT = "sparse_surface"
@@ -25,9 +24,6 @@ edge was split, and the numbers of vertices and faces that this gave."""
 
 MADE_FROM = "sparse_surface_made_from"
 """Custom property of the objects of a reconstruction: the name of the points' object."""
-
-PREVIEW = "sparse_surface_preview"
-"""Custom property of an object that shows a surface while it is being solved."""
 
 PATCH_COLOUR = "patch_color"
 """Colour attribute of a result's mesh that shows its patches."""
@@ -70,14 +66,3 @@ def has_heat_map(candidate: Object | None) -> bool:
         return False
     layer = candidate.data.attributes.get(ERROR)
     return layer is not None and (layer.data_type, layer.domain) == ("FLOAT", "POINT") and SCALE in candidate
-
-
-def remove_previews() -> None:
-    """Remove every preview from the file, wherever undo or a saved file brought it back from."""
-    previews = [candidate for candidate in bpy.data.objects if PREVIEW in candidate and candidate.library is None]
-    meshes = {preview.data for preview in previews if preview.type == "MESH"}
-    for preview in previews:
-        bpy.data.objects.remove(preview)
-    for mesh in meshes:
-        if mesh.users == 0:
-            bpy.data.meshes.remove(mesh)

@@ -18,7 +18,6 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Timer
 
 from ..solver.settings import Settings
-from .result_object import remove_previews
 from .status import redraw_progress, settle_sidebars, show_status
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ class Run:
     shown, shown_at
         The workspace and the line of progress that is drawn there, and since when.
     next_preview
-        The time before which no preview is drawn.
+        The time before which no preview is taken in.
     """
 
     tasks: list[tuple[Source | CloudSource, Settings]]
@@ -155,7 +154,10 @@ def stop(reason: str = "") -> None:
     notice = reason
     if reason:
         print(reason)
-    remove_previews()
+    if run.previews:
+        from . import live_preview
+
+        live_preview.clear()
     manager = bpy.context.window_manager
     if run.timer is not None:
         manager.event_timer_remove(run.timer)
@@ -169,37 +171,19 @@ def _stop_before_load(*_: object) -> None:
     stop(rpt_("The approximation was cancelled because another file was loaded"))
 
 
-@bpy.app.handlers.persistent
-def _remove_stray_previews(*_: object) -> None:
-    """Undo and a file that was saved in mid-run can bring a preview back after its run has ended."""
-    if current is None:
-        remove_previews()
-
-
 def _kill_at_exit() -> None:
     if current is not None:
         current.stop()
 
 
-_HANDLERS = (
-    (bpy.app.handlers.load_pre, _stop_before_load),
-    (bpy.app.handlers.load_post, _remove_stray_previews),
-    (bpy.app.handlers.undo_post, _remove_stray_previews),
-    (bpy.app.handlers.redo_post, _remove_stray_previews),
-)
-
-
 def register() -> None:
     """Have every end of the session, or of this file in it, end the run too."""
-    for handlers, function in _HANDLERS:
-        handlers.append(function)
+    bpy.app.handlers.load_pre.append(_stop_before_load)
     atexit.register(_kill_at_exit)
 
 
 def unregister() -> None:
     """End the run; nothing calls into this module any more."""
     stop()
-    remove_previews()
     atexit.unregister(_kill_at_exit)
-    for handlers, function in _HANDLERS:
-        handlers.remove(function)
+    bpy.app.handlers.load_pre.remove(_stop_before_load)

@@ -17,7 +17,6 @@ from ..solver.errors import SparseSurfaceError
 from ..solver.settings import Settings
 from . import estimate, running
 from .preferences import preferred_workers
-from .result_object import PREVIEW, remove_previews
 from .status import show_progress
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ class Solving:
     """What an operator that solves does; a subclass says on what (`tasks`) and makes objects of it (`make_objects`)."""
 
     _run: running.Run | None = None
-    _preview_uid = 0
     has_preview = True
     """Whether the surface can be shown while it is solved."""
 
@@ -113,18 +111,11 @@ class Solving:
         return self._conclude(context, run.results, run.refusals)
 
     def _show_preview(self, context: Context, run: running.Run, source: Any, positions: Any) -> None:
-        from . import mesh_data
+        from . import live_preview
 
         began = time.monotonic()
-        if began < run.next_preview:
-            return
-        preview = mesh_data.find_object(self._preview_uid)
-        if preview is None or PREVIEW not in preview or preview[PREVIEW] != source.session_uid:
-            remove_previews()
-            preview = mesh_data.create_preview(context, source)
-        if preview is not None:
-            self._preview_uid = preview.session_uid
-            mesh_data.update_preview(preview, source, positions, context.scene)
+        if began >= run.next_preview:
+            live_preview.show(source, positions, context.scene)
             _rest_after_preview(run, began)
 
     def _conclude(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> set[str]:

@@ -21,7 +21,7 @@ def show_progress(context: Context, run: Run) -> None:
     """Draw a run's progress in the status bar and the sidebars, where it differs from what they show."""
     now = time.monotonic()
     text = (context.workspace.name if context.workspace is not None else "", status_text(run))
-    if text != run.shown and now - run.shown_at >= SECONDS_BETWEEN_LOOKS:
+    if text != run.shown and (run.waiting or now - run.shown_at >= SECONDS_BETWEEN_LOOKS):
         run.shown, run.shown_at = text, now
         show_status(context, run)
         redraw_progress(context)

@@ -189,3 +189,25 @@ def shot(name: str) -> None:
             bpy.ops.screen.screenshot(filepath=path)
     else:
         real_blender.shot(path)
+
+
+def coloured_pixels(name: str) -> int:
+    """Take a picture and count the pixels in the middle of the viewport that are blue or green, not grey or red.
+
+    The axes' lines and the gizmo are thin or outside of the middle.
+    """
+    import numpy as np
+
+    shot(name)
+    image = bpy.data.images.load(str(FOLDER / f"{name}.png"))
+    try:
+        width, height = image.size
+        pixels = np.empty(width * height * 4, dtype=np.float32)
+        image.pixels.foreach_get(pixels)
+    finally:
+        bpy.data.images.remove(image)
+    over = region("WINDOW")
+    left, bottom = over.x + over.width // 4, over.y + over.height // 4
+    middle = pixels.reshape(height, width, 4)[bottom : bottom + over.height // 2, left : left + over.width // 2]
+    red, others = middle[..., 0], middle[..., 1:3].max(axis=2)
+    return int(np.count_nonzero(others > red + 0.05))

@@ -42,8 +42,8 @@ def assert_nothing_left(objects: set[str]) -> driver.Steps:
 def test_job_runs_to_its_end_with_progress_and_preview():
     yield from start_job(iterations=8)
     yield from driver.open_sidebar()
-    previews = lambda: [each for each in bpy.data.objects if "sparse_surface_preview" in each]  # noqa: E731
-    yield from driver.wait_for(previews, 120.0, "preview")
+    preview = driver.module("operators.live_preview")
+    yield from driver.wait_for(preview.shown_object, 120.0, "preview")
     fractions = []
 
     def done() -> bool:
@@ -58,7 +58,7 @@ def test_job_runs_to_its_end_with_progress_and_preview():
     yield 0.5
     assert fractions == sorted(fractions)
     assert len(set(fractions)) > 5
-    assert not previews()
+    assert preview.shown_object() is None
     made = bpy.context.view_layer.objects.active
     assert made.name == RESULT
     assert made.select_get()
@@ -81,16 +81,38 @@ def test_one_undo_step_takes_the_result_back_and_redo_brings_it_again():
     assert bpy.data.objects[RESULT]["sparse_surface"]["patches"] > 20
 
 
+def test_the_surface_is_drawn_while_it_is_solved():
+    """In colours, which nothing else in the viewport has this many of, and without an object."""
+    sheet = yield from start_job(60, iterations=60)
+    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 120.0, "preview")
+    assert driver.module("operators.live_preview").shown_object() == sheet.session_uid
+    view = driver.viewport().spaces.active.region_3d
+    view.view_distance, far = 5.0, view.view_distance
+    yield 0.5
+    drawn = driver.coloured_pixels("job_preview")
+    assert {each.name for each in bpy.data.objects} == {"Creased"}
+    sheet.location.z = 50.0
+    yield 0.5
+    moved_away = driver.coloured_pixels("job_preview_moved_away")
+    sheet.location.z, view.view_distance = 0.0, far
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
+    gone = driver.coloured_pixels("job_preview_gone")
+    assert drawn > 5000, drawn
+    assert moved_away < 0.1 * drawn, (moved_away, drawn)
+    assert gone < 0.1 * drawn, (gone, drawn)
+
+
 def test_what_a_run_shows_costs_little():
     """Slow previews are seldom, and progress is drawn no more often than it can be read."""
-    mesh_data, status = driver.module("operators.mesh_data"), driver.module("operators.status")
-    update, show = mesh_data.update_preview, status.show_status
+    preview, status = driver.module("operators.live_preview"), driver.module("operators.status")
+    draw, show = preview.show, status.show_status
     updates: list[float] = []
     lines: list[str] = []
 
-    def slow_update(*arguments):
+    def slow_draw(*arguments):
         updates.append(time.monotonic())
-        update(*arguments)
+        draw(*arguments)
         time.sleep(0.3)
 
     def noted_show(context, run):
@@ -98,7 +120,7 @@ def test_what_a_run_shows_costs_little():
         show(context, run)
 
     yield from start_job(120, iterations=60)
-    mesh_data.update_preview, status.show_status = slow_update, noted_show
+    preview.show, status.show_status = slow_draw, noted_show
     try:
         yield from driver.wait_for(lambda: updates, 120.0, "preview")
         lines.clear()
@@ -110,14 +132,14 @@ def test_what_a_run_shows_costs_little():
         assert len(set(lines)) == len(lines)
         assert driver.running() is not None
     finally:
-        mesh_data.update_preview, status.show_status = update, show
+        preview.show, status.show_status = draw, show
     driver.press("ESC")
     yield from assert_nothing_left({"Creased"})
 
 
 def test_escape_ends_it():
     yield from start_job()
-    yield from driver.wait_for(lambda: "Sparse Surface Preview" in bpy.data.objects, 120.0, "preview")
+    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 120.0, "preview")
     driver.press("ESC")
     yield from driver.wait_for(lambda: driver.running() is None, 0.5, "end after ESC")
     yield from assert_nothing_left({"Creased"})
@@ -170,6 +192,7 @@ def test_editing_the_source_refuses_the_result():
         bpy.ops.mesh.select_all(action="SELECT")
         bpy.ops.mesh.subdivide()
     yield from driver.wait_for(lambda: driver.running().waiting, 180.0, "wait for Object Mode")
+    yield 0.2
     driver.shot("job_waiting_for_object_mode")
     assert RESULT not in bpy.data.objects
     with driver.in_viewport():
@@ -210,18 +233,19 @@ def test_renaming_and_moving_the_source_is_followed():
 
 def test_undo_during_the_job():
     yield from start_job(80)  # lasts long enough to be seen
-    yield from driver.wait_for(lambda: "Sparse Surface Preview" in bpy.data.objects, 120.0, "preview")
+    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 120.0, "preview")
     with driver.in_viewport():
         bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
         bpy.ops.ed.undo_push(message="moved")
         bpy.ops.ed.undo()
     yield from driver.wait_for(lambda: driver.running() is None, 180.0, "result")
     yield 0.3
-    assert not [each.name for each in bpy.data.objects if "Preview" in each.name]
+    assert driver.module("operators.live_preview").shown_object() is None
+    assert {each.name for each in bpy.data.objects} == {"Creased", RESULT}
     with driver.in_viewport():
         bpy.ops.ed.undo()
     yield 0.3
-    assert not [each.name for each in bpy.data.objects if "Preview" in each.name]
+    assert {each.name for each in bpy.data.objects} == {"Creased"}
 
 
 def test_loading_a_file_ends_it():
