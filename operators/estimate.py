@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bpy.types import Object
+from bpy.types import Context, Object
 
 from ..solver.settings import Settings
 
@@ -51,8 +51,14 @@ def learn(report: Mapping[str, Any]) -> None:
         _seconds_per_work = seconds / _work(report["input"]["vertices"], Settings.from_dict(report["settings"]))
 
 
-def vertex_count(chosen: Object) -> int:
-    """Return the number of vertices of a mesh object; cheap enough for every redraw."""
+def vertex_count(chosen: Object, context: Context) -> int:
+    """Return the number of vertices that will be read of a mesh object; cheap enough for every redraw.
+
+    Modifiers count as they were evaluated last: a panel that is drawn must not evaluate anything.
+    """
+    depsgraph = context.view_layer.depsgraph
+    if context.scene.sparse_surface.use_modifiers and depsgraph is not None and chosen.mode == "OBJECT":
+        return len(chosen.evaluated_get(depsgraph).data.vertices)
     return len(chosen.data.vertices)
 
 

@@ -7,7 +7,7 @@ and go get in the way of undo, of saving and of what the user does meanwhile.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -16,11 +16,15 @@ import numpy as np
 from bpy.types import Object, Scene, SpaceView3D
 from numpy.typing import NDArray
 
+from .colour_ramp import ColourScale
 from .heat_map import colour_scale
 from .mesh_data import find_object
 
 if TYPE_CHECKING:
     from .mesh_data import Source
+
+USUAL_PERCENTILE = 95.0
+"""Of the errors so far: the upper end of the colours."""
 
 _VERTEX_SHADER = """
 void main()
@@ -62,7 +66,7 @@ def show(source: Source, positions: NDArray[np.float32], scene: Scene) -> None:
     """Draw the surface at positions (V, 3) in the frame of `source.arrays`, in the colours of how far they are off."""
     global _shown, _handle
     error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
-    colours = colour_scale(scene, error).colours(error)
+    colours = _shown_scale(error, scene).colours(error)
     _shown = _Preview(source.session_uid, _upload(source.lengths.to_local(positions), colours, source.arrays.triangles))
     if _handle is None:
         _handle = SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
@@ -82,6 +86,14 @@ def clear() -> None:
 def shown_object() -> int | None:
     """Return the session number of the object whose surface is shown, if any is."""
     return _shown.session_uid if _shown is not None else None
+
+
+def _shown_scale(error: NDArray[np.floating[Any]], scene: Scene) -> ColourScale:
+    """The scene's scale; where its range is automatic, patches still far off do not darken all others."""
+    scale = colour_scale(scene, error)
+    usual = float(np.percentile(error, USUAL_PERCENTILE))
+    automatic = scene.sparse_surface.display.range_mode == "AUTOMATIC"
+    return replace(scale, high=usual) if automatic and usual > 0.0 else scale
 
 
 def _draw() -> None:

@@ -235,7 +235,7 @@ def draw_progress(layout: UILayout, run: running.Run) -> None:
 
 def draw_estimate(layout: UILayout, context: Context) -> None:
     """Say how many patches there will be and how long they will take, and warn of large meshes."""
-    count = sum(vertex_count(chosen) for chosen in selected_meshes(context))
+    count = sum(vertex_count(chosen, context) for chosen in selected_meshes(context))
     if not count or reason_against(context):
         return
     expected = estimate(count, context.scene.sparse_surface.to_settings())

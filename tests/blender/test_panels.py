@@ -96,6 +96,21 @@ def test_estimate_and_warning_of_large_meshes(monkeypatch):
     assert "Large mesh: about" in words(drawn(panels.SPARSE_SURFACE_PT_main))
 
 
+def test_estimate_counts_what_modifiers_make():
+    sheet = scenes.creased_sheet(20)
+    sheet.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    bpy.context.view_layer.update()
+    settings = bpy.context.scene.sparse_surface
+    subdivided = 39 * 39
+    assert f"About {estimate.estimate(subdivided, settings.to_settings()).patches} patches" in words(
+        drawn(panels.SPARSE_SURFACE_PT_main)
+    )
+    settings.use_modifiers = False
+    assert f"About {estimate.estimate(400, settings.to_settings()).patches} patches" in words(
+        drawn(panels.SPARSE_SURFACE_PT_main)
+    )
+
+
 def test_button_counts_the_meshes():
     sheets = [scenes.creased_sheet(8, name) for name in ("One", "Two", "Three")]
     scenes.select(*sheets)
