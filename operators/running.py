@@ -44,6 +44,8 @@ class Run:
         What the solver said last, its fraction that of the whole run.
     shown, shown_at
         The workspace and the line of progress that is drawn there, and since when.
+    sidebars_behind
+        Whether the sidebars still show the line before.
     next_preview
         The time before which no preview is taken in.
     """
@@ -59,6 +61,7 @@ class Run:
     started: float = field(default_factory=time.monotonic)
     shown: tuple[str, str] = ("", "")
     shown_at: float = 0.0
+    sidebars_behind: bool = False
     next_preview: float = 0.0
     _begun: int = 0
     _job: Job | None = None

@@ -22,8 +22,11 @@ def show_progress(context: Context, run: Run) -> None:
     now = time.monotonic()
     text = (context.workspace.name if context.workspace is not None else "", status_text(run))
     if text != run.shown and (run.waiting or now - run.shown_at >= SECONDS_BETWEEN_LOOKS):
-        run.shown, run.shown_at = text, now
+        run.shown, run.shown_at, run.sidebars_behind = text, now, True
         show_status(context, run)
+    elif run.sidebars_behind:
+        # A picture later: two costly parts in one would hold the window up for twice as long.
+        run.sidebars_behind = False
         redraw_progress(context)
 
 

@@ -240,7 +240,9 @@ def test_ci_does_not_fail_where_no_window_can_be_had(
     assert window.main([]) == 1
 
 
-def test_a_failing_window_test_fails_ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_window_test_fails_ci(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     window = script("test_window")
     tool = tmp_path / "real-blender"
     tool.write_text('#!/bin/sh\n[ "$2" != gui ] || { echo "passed test_one (1 s)"; exit 1; }\n')
@@ -250,6 +252,26 @@ def test_a_failing_window_test_fails_ci(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(window, "OUT", tmp_path / "out")
     monkeypatch.setattr(window, "build", lambda kind, folder: folder / "extension.zip")
     assert window.main(["--where-available", "test_quit"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "0 passed, 2 failed"
+
+
+def test_window_scripts_can_be_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    window = script("test_window")
+    tool = tmp_path / "real-blender"
+    tool.write_text('#!/bin/sh\n[ "$2" != gui ] || { echo "passed test_one (1 s)"; exit 0; }\n')
+    tool.chmod(0o755)
+    monkeypatch.delenv("BLENDER", raising=False)
+    monkeypatch.setattr(window, "TOOL", tool)
+    monkeypatch.setattr(window, "OUT", tmp_path / "out")
+    monkeypatch.setattr(window, "build", lambda kind, folder: folder / "extension.zip")
+    every = sorted(path.stem for path in window.SCRIPTS.glob("test_*.py"))
+    assert window.main(["--but", "test_responsiveness"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    run = [name for name in every if any(name in line for line in lines)]
+    assert run == [name for name in every if name != "test_responsiveness"]
+    assert lines[-1] == f"{2 * len(run)} passed, 0 failed"
 
 
 def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
