@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import gpu
 import numpy as np
-from bpy.types import Object, Scene, SpaceView3D
+from bpy.types import Object, Scene, Space, SpaceView3D
 from numpy.typing import NDArray
 
 from .colour_ramp import ColourScale
@@ -99,7 +99,7 @@ def _shown_scale(error: NDArray[np.floating[Any]], scene: Scene) -> ColourScale:
 def _draw() -> None:
     context = bpy.context
     placed = find_object(_shown.session_uid) if _shown is not None else None
-    if _shown is None or placed is None or not _in_local_view(placed, context.space_data):
+    if _shown is None or placed is None or not _is_wanted(placed, context.space_data):
         return
     viewer = (context.region_data.view_matrix @ placed.matrix_world).to_3x3().row[2].normalized()
     shader = _surface_shader()
@@ -116,7 +116,10 @@ def _draw() -> None:
         gpu.state.depth_test_set("NONE")
 
 
-def _in_local_view(placed: Object, view: SpaceView3D) -> bool:
+def _is_wanted(placed: Object, view: Space | None) -> bool:
+    """Whether the surface belongs into a viewport: not over a mesh that is being worked on, nor into another's view."""
+    if not isinstance(view, SpaceView3D) or placed.mode != "OBJECT":
+        return False
     return view.local_view is None or placed.local_view_get(view)
 
 

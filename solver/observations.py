@@ -143,6 +143,7 @@ class MeshObservations:
         dense
             Patches that are observed as densely as small ones, (K,).
         """
+        self._made_of = mesh, patches, blending, kind, weights, inside
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self.blending = blending
@@ -158,6 +159,10 @@ class MeshObservations:
         self._first_dense[small] = len(mesh.vertices) + len(mesh.triangles) + 6 * np.arange(len(small))
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
+
+    def with_dense(self, more: NDArray[np.bool_]) -> MeshObservations:
+        """Return the observations with more of the patches, (K,), observed densely."""
+        return MeshObservations(*self._made_of, dense=self._dense | more)
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch: its vertices, then the points inside its triangles."""

@@ -1,7 +1,8 @@
 """Patches that oscillate between their observations.
 
-A polynomial may pass near every vertex and centroid and still swing out in between.  Such patches are rare; they are
-found by looking at points that were not observed, and fitted again with six observations in every triangle.
+A polynomial may pass near every vertex and centroid and still swing out in between.  Such patches are rare, after the
+fit as after the sweeps; they are found by looking at points that were not observed, and fitted again by themselves with
+six observations in every triangle.
 """
 
 from __future__ import annotations

@@ -191,15 +191,13 @@ def _approximate(
     iterations = iteration_measures(fits)
     if inside and not hurry:
         with watch.stage("solve"):
-            dense = overshooting(mesh, observations, fits, settings)
-            if dense.any():
-                observations = MeshObservations(
-                    mesh, patches, blend, settings.blending, observation_weights, inside, dense
-                )
-                surface = yield from refit_patches(observations, domains, fits, np.flatnonzero(dense), settings, crew)
+            observations = yield from steady_patches(mesh, observations, domains, fits, settings, crew)
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
+            surface = blend_of(observations, fits) if observations is not surface.observations else surface
             yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
+            if inside:
+                yield from steady_patches(mesh, observations, domains, fits, settings, crew)
     refined = RefinedSurface(mesh, patches, blend, fits)
     kept: dict[str, Any] | None = None
     if settings.tolerance and settings.blending == "partition":
@@ -254,20 +252,32 @@ def solve_patches(
     return [fit for fit in fits if fit is not None], state["hurry"]
 
 
-def refit_patches(
+def steady_patches(
+    mesh: TriangleMesh,
     observations: MeshObservations,
     domains: Array,
     fits: list[PatchFit],
-    which: Indices,
     settings: Settings,
     crew: Crew,
-) -> Steps[Blend]:
-    """Fit some patches anew to other observations; changes `fits` and returns the surface of all of them."""
-    chunks = chunk_patches(observations, which, channels_of(settings))
-    for task, fitted in crew.run(chunk_task(observations, domains, settings, chunk) for chunk in chunks):
+) -> Steps[MeshObservations]:
+    """Fit patches that swing between their observations anew to more of them; changes `fits`.
+
+    Returns the observations with those that were added.
+    """
+    swinging = overshooting(mesh, observations, fits, settings)
+    if not swinging.any():
+        return observations
+    denser = observations.with_dense(swinging)
+    chunks = chunk_patches(denser, np.flatnonzero(swinging), channels_of(settings))
+    for task, fitted in crew.run(chunk_task(denser, domains, settings, chunk) for chunk in chunks):
         for patch, fit in zip(task.patches, fitted, strict=True):
             fits[patch] = fit
         yield Progress("Solving patches", SOLVE_ENDS, "patches that swing between their observations")
+    return denser
+
+
+def blend_of(observations: MeshObservations, fits: list[PatchFit]) -> Blend:
+    """Return the surface of all patches at these observations."""
     surface = Blend(observations)
     for patch, fit in enumerate(fits):
         surface.add(patch, fit)

@@ -94,12 +94,20 @@ def test_the_surface_is_drawn_while_it_is_solved():
     sheet.location.z = 50.0
     yield 0.5
     moved_away = driver.coloured_pixels("job_preview_moved_away")
-    sheet.location.z, view.view_distance = 0.0, far
+    sheet.location.z = 0.0
+    with driver.in_viewport():
+        bpy.ops.object.mode_set(mode="SCULPT")
+    yield 0.5
+    worked_on = driver.coloured_pixels("job_preview_worked_on")
+    with driver.in_viewport():
+        bpy.ops.object.mode_set(mode="OBJECT")
+    view.view_distance = far
     driver.press("ESC")
     yield from assert_nothing_left({"Creased"})
     gone = driver.coloured_pixels("job_preview_gone")
     assert drawn > 5000, drawn
     assert moved_away < 0.1 * drawn, (moved_away, drawn)
+    assert worked_on < 0.1 * drawn, (worked_on, drawn)
     assert gone < 0.1 * drawn, (gone, drawn)
 
 
