@@ -60,7 +60,8 @@ def generated_mesh(rng: Random) -> Mesh:
 def damaged(mesh: Mesh, number: int, rng: Random) -> Mesh:
     """Return the mesh with the damage of this number done to a copy of it."""
     name, harm = DAMAGES[number]
-    vertices, faces = harm(mesh.vertices.copy(), [list(face) for face in mesh.faces], rng)
+    with np.errstate(all="ignore"):  # harm comes upon harm: infinity may be flattened, too
+        vertices, faces = harm(mesh.vertices.copy(), [list(face) for face in mesh.faces], rng)
     return Mesh(vertices, faces, f"{mesh.story}, {name}")
 
 
@@ -334,8 +335,7 @@ def _shuffle(vertices: Floats, faces: Polygons, rng: Random) -> tuple[Floats, Po
 
 
 def _single_precision(vertices: Floats, faces: Polygons, rng: Random) -> tuple[Floats, Polygons]:
-    with np.errstate(over="ignore"):
-        return vertices.astype(np.float32), faces
+    return vertices.astype(np.float32), faces
 
 
 def _wrong_number(vertices: Floats, faces: Polygons, rng: Random) -> tuple[Floats, Polygons]:
