@@ -338,7 +338,7 @@ def test_representations_that_are_none_are_refused(tmp_path: Path) -> None:
         done = run("evaluate", tmp_path / name, "-o", tmp_path / "out.ply")
         assert done.returncode == 1
         said = done.stderr.strip().splitlines()
-        assert said[-1].startswith(f"sparse_surface: ")
+        assert said[-1].startswith(f"sparse_surface: '{name}' ")
         # Blender has a complaint of its own on a system without /etc/mtab.
         assert [line for line in said[:-1] if "mounted file-systems" not in line] == []
     assert run("evaluate", tmp_path / "absent.npz", "-o", tmp_path / "out.ply").returncode == 1
