@@ -25,7 +25,7 @@ from concurrent.futures import Executor, Future
 from importlib import import_module
 from typing import IO, Any, ParamSpec, TypeVar
 
-from .child import close_streams, last_words, private_channels, start_child
+from .child import close_streams, last_words, private_channels, start_child, stop_giving_way
 from .errors import Cancelled, WorkerError
 from .system import peak_memory_mb
 from .worker import PACKAGE
@@ -281,6 +281,7 @@ def _receive(stream: IO[bytes], tasks: queue.SimpleQueue[bytes]) -> None:
         while True:
             tasks.put(_read(stream))
     except (EOFError, OSError):
+        stop_giving_way()
         os._exit(0)
 
 

@@ -26,7 +26,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .child import close_streams, last_words, private_channels, start_child
+from .child import close_streams, last_words, private_channels, start_child, stop_giving_way
 from .cloud_job import CloudArrays, CloudOutcome, reconstruct_arrays
 from .cloud_settings import CloudSettings
 from .errors import SparseSurfaceError, WorkerError
@@ -337,6 +337,7 @@ class _Requests:
         while words := os.read(self._incoming, 4096):
             if FINISH.encode() in words:
                 self._finish.set()
+        stop_giving_way()
         os.chdir(self._folder.parent)
         shutil.rmtree(self._folder, ignore_errors=True)
         os._exit(1)

@@ -311,3 +311,27 @@ def test_arrays_are_handed_over_whole() -> None:
     held = MeshArrays(**{**vars(arrays), "weights": weights})
     result = run_to_end(approximate_arrays(held, QUICK))
     assert np.array_equal(result.vertices[:40], arrays.vertices[:40])
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="priorities of Linux")
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="needs the right to set priorities")
+def test_what_ends_does_not_wait_for_others_work():
+    """A process that gave way, and each of its threads, takes its turn again."""
+    script = f"""
+import sys
+sys.path[:] = {sys.path!r}
+import os, threading
+from sparse_surface.solver.child import stop_giving_way
+from sparse_surface.solver.worker import give_way
+give_way()
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+policies = lambda: sorted(os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task"))
+before = policies()
+stop_giving_way()
+print(set(before) == {{os.SCHED_IDLE}}, len(before), set(policies()) == {{os.SCHED_OTHER}}, flush=True)
+os._exit(0)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    idle, threads, turned = done.stdout.split()
+    assert idle == turned == "True"
+    assert int(threads) >= 2
