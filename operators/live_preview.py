@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .colour_ramp import ColourScale
 from .heat_map import colour_scale
 from .mesh_data import find_object
+from .status import redraw_regions
 
 if TYPE_CHECKING:
     from .mesh_data import Source
@@ -70,7 +71,7 @@ def show(source: Source, positions: NDArray[np.float32], scene: Scene) -> None:
     _shown = _Preview(source.session_uid, _upload(source.lengths.to_local(positions), colours, source.arrays.triangles))
     if _handle is None:
         _handle = SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
-    _redraw_viewports()
+    redraw_regions(bpy.context, "WINDOW")
 
 
 def clear() -> None:
@@ -80,7 +81,7 @@ def clear() -> None:
     if _handle is not None:
         SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-        _redraw_viewports()
+        redraw_regions(bpy.context, "WINDOW")
 
 
 def shown_object() -> int | None:
@@ -152,12 +153,3 @@ def _surface_shader() -> Any:
         info.fragment_source(_FRAGMENT_SHADER)
         _shader = gpu.shader.create_from_info(info)
     return _shader
-
-
-def _redraw_viewports() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "WINDOW":
-                        region.tag_redraw()

@@ -82,9 +82,14 @@ def settle_sidebars() -> None:
 
 def redraw_progress(context: Context) -> None:
     """Redraw the sidebars of the 3D viewports and nothing else: a viewport may be costly."""
+    redraw_regions(context, "UI")
+
+
+def redraw_regions(context: Context, kind: str) -> None:
+    """Redraw the regions of this type, such as "UI" or "WINDOW", of all 3D viewports."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
                 for region in area.regions:
-                    if region.type == "UI":
+                    if region.type == kind:
                         region.tag_redraw()

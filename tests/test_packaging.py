@@ -240,17 +240,23 @@ def test_ci_does_not_fail_where_no_window_can_be_had(
     assert window.main([]) == 1
 
 
-def test_a_failing_window_test_fails_ci(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def window_tests(folder: Path, monkeypatch: pytest.MonkeyPatch, *, scripts_end_with: int) -> Any:
+    """Return the script that runs the window tests, with a Blender that ends each of them in this way."""
     window = script("test_window")
-    tool = tmp_path / "real-blender"
-    tool.write_text('#!/bin/sh\n[ "$2" != gui ] || { echo "passed test_one (1 s)"; exit 1; }\n')
+    tool = folder / "real-blender"
+    tool.write_text(f'#!/bin/sh\n[ "$2" != gui ] || {{ echo "passed test_one (1 s)"; exit {scripts_end_with}; }}\n')
     tool.chmod(0o755)
     monkeypatch.delenv("BLENDER", raising=False)
     monkeypatch.setattr(window, "TOOL", tool)
-    monkeypatch.setattr(window, "OUT", tmp_path / "out")
+    monkeypatch.setattr(window, "OUT", folder / "out")
     monkeypatch.setattr(window, "build", lambda kind, folder: folder / "extension.zip")
+    return window
+
+
+def test_a_failing_window_test_fails_ci(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    window = window_tests(tmp_path, monkeypatch, scripts_end_with=1)
     assert window.main(["--where-available", "test_quit"]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "0 passed, 2 failed"
 
@@ -258,14 +264,7 @@ def test_a_failing_window_test_fails_ci(
 def test_window_scripts_can_be_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    window = script("test_window")
-    tool = tmp_path / "real-blender"
-    tool.write_text('#!/bin/sh\n[ "$2" != gui ] || { echo "passed test_one (1 s)"; exit 0; }\n')
-    tool.chmod(0o755)
-    monkeypatch.delenv("BLENDER", raising=False)
-    monkeypatch.setattr(window, "TOOL", tool)
-    monkeypatch.setattr(window, "OUT", tmp_path / "out")
-    monkeypatch.setattr(window, "build", lambda kind, folder: folder / "extension.zip")
+    window = window_tests(tmp_path, monkeypatch, scripts_end_with=0)
     every = sorted(path.stem for path in window.SCRIPTS.glob("test_*.py"))
     assert window.main(["--but", "test_responsiveness"]) == 0
     lines = capsys.readouterr().out.splitlines()
