@@ -74,13 +74,13 @@ def document(
     runs: Sequence[Measured], grown: Sequence[Measured], comparisons: Sequence[Comparison], back: dict[str, float]
 ) -> str:
     """The text of `docs/performance.md`."""
-    head = ["model", "vertices", "patches", "workers", *SHOWN_STAGES, "peak memory, MB"]
+    head = ["model", "vertices", "patches", "workers", "set-up", *SHOWN_STAGES, "peak memory, MB"]
     text = f"""# Performance
 
 Written by `make bench`.  Times are in units: one unit is one product of two 1000 x 1000 float64 matrices on one core,
 measured in the same process before and after ({1e3 * np.mean([r.unit for r in runs]):.0f} ms here).  Default settings,
 one sweep included, each run in a process of its own; memory is what a run takes beyond the idle interpreter with the
-mesh, summed over all its processes.{_load()}
+mesh, summed over all its processes.  Set-up, until that process has loaded the solver, is not in the total.{_load()}
 
 ## Stages
 
@@ -148,6 +148,7 @@ def _row(run: Measured) -> list[object]:
         report["input"]["vertices"],
         report["patches"],
         report["workers"],
+        run.set_up / run.unit,
         *(run.units(stage) for stage in SHOWN_STAGES),
         run.memory_mb,
     ]

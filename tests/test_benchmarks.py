@@ -38,6 +38,7 @@ def test_a_case_is_measured_in_a_process_of_its_own() -> None:
     plain = measure(Case("cube", QUICK))
     assert plain.report["input"]["vertices"] == 1538
     assert plain.unit > 0.0
+    assert plain.set_up > 0.0
     assert plain.memory_mb >= 0.0
     assert plain.as_dict()["units"].keys() == set(STAGES)
     # Without annealing two iterations end elsewhere, and the next case does not see the changed constant.
