@@ -14,6 +14,7 @@ from .operators import (
     compare_methods,
     copy_statistics,
     domain_maps,
+    early_object,
     finish,
     inspect_patch,
     patch_colours,
@@ -57,6 +58,7 @@ def register() -> None:
     bpy.utils.register_preset_path(PRESETS)
     bpy.app.translations.register(__package__, translations.DICTIONARY)
     running.register()
+    early_object.register()
     legend.register()
     preferences.register()
     command.register()
@@ -67,6 +69,7 @@ def unregister() -> None:
     command.unregister()
     preferences.unregister()
     legend.unregister()
+    early_object.unregister()
     running.unregister()
     bpy.app.translations.unregister(__package__)
     bpy.utils.unregister_preset_path(PRESETS)

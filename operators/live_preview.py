@@ -1,155 +1,100 @@
-"""The surface while it is being solved, drawn over the 3D viewports.
-
-It is no object.  Whenever an object changes, Blender draws every viewport anew and once more for each sample of its
-anti-aliasing, which holds a window without a graphics card up for longer than a preview is worth; and objects that come
-and go get in the way of undo, of saving and of what the user does meanwhile.
-"""
+"""What is shown of a surface while it is being solved: its object, or a drawing over the source where that is slow."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+import math
+import time
+from typing import TYPE_CHECKING
 
 import bpy
-import gpu
 import numpy as np
-from bpy.types import Object, Scene, Space, SpaceView3D
+from bpy.types import Context, Scene
 from numpy.typing import NDArray
 
+from . import drawn_preview, early_object
 from .colour_ramp import ColourScale
-from .heat_map import colour_scale
-from .mesh_data import find_object
-from .status import redraw_regions
+from .heat_map import colour_scale, shown_tolerance
 
 if TYPE_CHECKING:
     from .mesh_data import Source
 
 USUAL_PERCENTILE = 95.0
-"""Of the errors so far: the upper end of the colours."""
+"""Of a source's errors when it is first shown: the upper end of the colours."""
 
-_VERTEX_SHADER = """
-void main()
-{
-    place = pos;
-    tint = color;
-    gl_Position = ModelViewProjectionMatrix * vec4(pos, 1.0);
-    // The nearest hundredth of the depth: in front of the source, which lies in the same place, and hiding itself.
-    gl_Position.z = 0.01 * gl_Position.z - 0.99 * gl_Position.w;
-}
-"""
+REST = 20.0
+"""How many times as long as a preview held the window up there is none after it."""
 
-_FRAGMENT_SHADER = """
-void main()
-{
-    // The triangle's own normal, lit from the viewer: creases show as they are.
-    vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-    float light = 0.35 + 0.65 * abs(dot(normal, towards_viewer));
-    // Viewports encode colours as sRGB by themselves; light is even to the eye.
-    shown = vec4(pow(light, 2.2) * tint.rgb, 1.0);
-}
-"""
+QUICK = 1.0 / 30.0
+"""Seconds: where a drawing takes less, an object can be afforded, which has Blender draw a viewport several times."""
+
+SLOW = 0.1
+"""Seconds: where an object takes more after all, the surface is drawn for the rest of the run."""
 
 
-@dataclass
-class _Preview:
-    """What is drawn: triangles on the graphics card, and the object whose place in the world they share."""
+class LivePreview:
+    """What a run shows.
 
-    session_uid: int
-    batch: Any
+    Parameters
+    ----------
+    kind
+        "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has turned out to draw quickly.
+    """
 
+    def __init__(self, kind: str) -> None:
+        self._as_object = kind == "OBJECT"
+        self._automatic = kind == "AUTOMATIC"
+        self._next = 0.0
+        self._usual_error: dict[int, float] = {}
 
-_shown: _Preview | None = None
-_handle: object | None = None
-_shader: Any = None
+    def show(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
+        """Show the surface at positions (V, 3) in the frame of `source.arrays`, unless it was shown just now."""
+        began = time.monotonic()
+        if began < self._next or (self._as_object and context.mode != "OBJECT"):
+            return
+        error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
+        scale = self._scale(context.scene, source, error)
+        if self._as_object:
+            early_object.show(source, positions, error, scale, context)
+            drawn_preview.discard(source.session_uid)
+        else:
+            drawn_preview.show(source, positions, scale.colours(error))
+        self._rest(began)
 
+    def step_aside(self, context: Context) -> None:
+        """Take back an object while the user works in another mode, where undo does not know of it."""
+        if context.mode != "OBJECT":
+            early_object.remove_all()
 
-def show(source: Source, positions: NDArray[np.float32], scene: Scene) -> None:
-    """Draw the surface at positions (V, 3) in the frame of `source.arrays`, in the colours of how far they are off."""
-    global _shown, _handle
-    error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
-    colours = _shown_scale(error, scene).colours(error)
-    _shown = _Preview(source.session_uid, _upload(source.lengths.to_local(positions), colours, source.arrays.triangles))
-    if _handle is None:
-        _handle = SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
-    redraw_regions(bpy.context, "WINDOW")
+    def clear(self) -> None:
+        """Take back all that is shown."""
+        drawn_preview.clear()
+        early_object.remove_all()
 
+    def _scale(self, scene: Scene, source: Source, error: NDArray[np.float64]) -> ColourScale:
+        """The scene's scale; where its range is automatic it stays what it first was, so that colours show the gain."""
+        if scene.sparse_surface.display.range_mode != "AUTOMATIC":
+            return colour_scale(scene, error)
+        usual = self._usual_error.setdefault(source.session_uid, float(np.percentile(error, USUAL_PERCENTILE)))
+        return ColourScale(0.0, usual, shown_tolerance(scene))
 
-def clear() -> None:
-    """Draw nothing any more."""
-    global _shown, _handle
-    _shown = None
-    if _handle is not None:
-        SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
-        redraw_regions(bpy.context, "WINDOW")
+    def _rest(self, began: float) -> None:
+        """Keep previews to a small share of the window's time, however long they take to draw on this machine."""
 
+        def drawn() -> None:
+            now = time.monotonic()
+            self._next = now + REST * (now - began)
+            self._choose(now - began)
 
-def shown_object() -> int | None:
-    """Return the session number of the object whose surface is shown, if any is."""
-    return _shown.session_uid if _shown is not None else None
+        self._next = math.inf
+        # Timers are called next when Blender has taken the preview in and drawn it.
+        bpy.app.timers.register(drawn, first_interval=0.0)
 
-
-def _shown_scale(error: NDArray[np.floating[Any]], scene: Scene) -> ColourScale:
-    """The scene's scale; where its range is automatic, patches still far off do not darken all others."""
-    scale = colour_scale(scene, error)
-    usual = float(np.percentile(error, USUAL_PERCENTILE))
-    automatic = scene.sparse_surface.display.range_mode == "AUTOMATIC"
-    return replace(scale, high=usual) if automatic and usual > 0.0 else scale
-
-
-def _draw() -> None:
-    context = bpy.context
-    placed = find_object(_shown.session_uid) if _shown is not None else None
-    if _shown is None or placed is None or not _is_wanted(placed, context.space_data):
-        return
-    viewer = (context.region_data.view_matrix @ placed.matrix_world).to_3x3().row[2].normalized()
-    shader = _surface_shader()
-    gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.depth_mask_set(True)
-    try:
-        with gpu.matrix.push_pop():
-            gpu.matrix.multiply_matrix(placed.matrix_world)
-            shader.bind()
-            shader.uniform_float("towards_viewer", viewer)
-            _shown.batch.draw(shader)
-    finally:
-        gpu.state.depth_mask_set(False)
-        gpu.state.depth_test_set("NONE")
-
-
-def _is_wanted(placed: Object, view: Space | None) -> bool:
-    """Whether the surface belongs into a viewport: not over a mesh that is being worked on, nor into another's view."""
-    if not isinstance(view, SpaceView3D) or placed.mode != "OBJECT":
-        return False
-    return view.local_view is None or placed.local_view_get(view)
-
-
-def _upload(positions: NDArray[np.float32], colours: NDArray[np.floating[Any]], triangles: NDArray[np.int32]) -> Any:
-    layout = gpu.types.GPUVertFormat()
-    layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
-    layout.attr_add(id="color", comp_type="F32", len=4, fetch_mode="FLOAT")
-    vertices = gpu.types.GPUVertBuf(layout, len(positions))
-    vertices.attr_fill("pos", np.ascontiguousarray(positions, dtype=np.float32))
-    vertices.attr_fill("color", np.ascontiguousarray(colours, dtype=np.float32))
-    corners = gpu.types.GPUIndexBuf(type="TRIS", seq=np.ascontiguousarray(triangles, dtype=np.int32))
-    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=corners)
-
-
-def _surface_shader() -> Any:
-    """Compile the shader, once in a session."""
-    global _shader
-    if _shader is None:
-        between = gpu.types.GPUStageInterfaceInfo("sparse_surface_preview")
-        between.smooth("VEC3", "place")
-        between.smooth("VEC4", "tint")
-        info = gpu.types.GPUShaderCreateInfo()
-        info.push_constant("MAT4", "ModelViewProjectionMatrix")
-        info.push_constant("VEC3", "towards_viewer")
-        info.vertex_in(0, "VEC3", "pos")
-        info.vertex_in(1, "VEC4", "color")
-        info.vertex_out(between)
-        info.fragment_out(0, "VEC4", "shown")
-        info.vertex_source(_VERTEX_SHADER)
-        info.fragment_source(_FRAGMENT_SHADER)
-        _shader = gpu.shader.create_from_info(info)
-    return _shader
+    def _choose(self, seconds: float) -> None:
+        """Choose what to show next by how long the last preview held the window up."""
+        if not self._automatic:
+            return
+        if self._as_object and seconds > SLOW:
+            self._as_object = self._automatic = False
+            early_object.remove_all()
+        elif seconds < QUICK:
+            self._as_object = True

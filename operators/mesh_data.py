@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import bpy
 import numpy as np
-from bpy.types import Collection, Context, Depsgraph, Mesh, Object
+from bpy.types import Collection, Context, Depsgraph, Mesh, Object, SpaceView3D
 from numpy.typing import NDArray
 
 from ..solver.errors import InputError
@@ -245,9 +246,8 @@ def create_result(
     InputError
         When the source was removed or edited since it was read.
     """
-    made_from = _unchanged_source(source, context)
-    mesh = _copy_mesh(made_from, source, context)
-    mesh.name = name = result_name(made_from.name)
+    made_from, mesh = copy_source(source, context)
+    name = mesh.name = result_name(made_from.name)
     set_positions(mesh, source.lengths.to_local(result.vertices))
     made = _take_over_earlier(name, mesh) if replace else None
     if made is None:
@@ -292,7 +292,19 @@ def store_scale(coloured: Object, scale: ColourScale) -> None:
     coloured[SCALE] = [scale.low, scale.high, scale.tolerance]
 
 
-def _unchanged_source(source: Source, context: Context) -> Object:
+def copy_source(source: Source, context: Context) -> tuple[Object, Mesh]:
+    """Return the object that was read, and a copy of its mesh to become the result's.
+
+    Raises
+    ------
+    InputError
+        When the object was removed or edited since it was read.
+    """
+    made_from = _remaining_source(source)
+    return made_from, _copy_mesh(made_from, source, context)
+
+
+def _remaining_source(source: Source) -> Object:
     found = find_object(source.session_uid)
     if found is None or found.type != "MESH":
         raise InputError(f"'{source.name}' was deleted while it was being approximated; its result is dropped.")
@@ -410,10 +422,20 @@ def _rename_groups(made: Object) -> None:
 
 
 def link_beside(made: Object, beside: Object, context: Context) -> None:
-    """Link an object into the collections of another, or into the scene's where those are read-only."""
+    """Link an object into the collections of another, or the scene's where those are read-only, and its local views."""
     editable: list[Collection] = [c for c in beside.users_collection if c.is_editable]
     for collection in editable or [context.scene.collection]:
         collection.objects.link(made)
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                _join_local_view(made, beside, area.spaces.active)
+
+
+def _join_local_view(made: Object, beside: Object, view: SpaceView3D) -> None:
+    if view.local_view is not None:
+        with suppress(RuntimeError):  # one of both is not in that window's view layer
+            made.local_view_set(view, beside.local_view_get(view))
 
 
 def place_like(made: Object, model: Object) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..solver.job import Job, Outcome
     from ..solver.progress import Progress
     from .cloud_data import CloudSource
+    from .live_preview import LivePreview
     from .mesh_data import Source
 
 
@@ -46,12 +47,12 @@ class Run:
         The workspace and the line of progress that is drawn there, and since when.
     sidebars_behind
         Whether the sidebars still show the line before.
-    next_preview
-        The time before which no preview is taken in.
+    preview
+        What shows the surface while it is solved; None where that is not wanted.
     """
 
     tasks: list[tuple[Source | CloudSource, Settings]]
-    previews: bool = False
+    preview: LivePreview | None = None
     results: list[tuple[Source | CloudSource, Outcome | CloudOutcome]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     progress: Progress | None = None
@@ -62,7 +63,6 @@ class Run:
     shown: tuple[str, str] = ("", "")
     shown_at: float = 0.0
     sidebars_behind: bool = False
-    next_preview: float = 0.0
     _begun: int = 0
     _job: Job | None = None
 
@@ -118,7 +118,7 @@ class Run:
         source, settings = self.tasks[self._begun]
         self._begun += 1
         try:
-            job.start(source.arrays, settings, previews=self.previews)
+            job.start(source.arrays, settings, previews=self.preview is not None)
         except OSError as error:
             self.refusals.append(f"'{source.name}': the solver's process could not be started ({error}).")
         else:
@@ -157,10 +157,8 @@ def stop(reason: str = "") -> None:
     notice = reason
     if reason:
         print(reason)
-    if run.previews:
-        from . import live_preview
-
-        live_preview.clear()
+    if run.preview is not None:
+        run.preview.clear()
     manager = bpy.context.window_manager
     if run.timer is not None:
         manager.event_timer_remove(run.timer)

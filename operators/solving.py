@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,10 +20,8 @@ from .status import show_progress
 if TYPE_CHECKING:
     from ..solver.progress import Progress
     from .cloud_data import CloudSource
+    from .live_preview import LivePreview
     from .mesh_data import Source
-
-PREVIEW_REST = 20.0
-"""How many times as long as a preview held the window up there is none after it."""
 
 Task = tuple[Any, Settings]
 """What is read from an object, a `Source` or a `CloudSource`, and the settings."""
@@ -71,12 +67,19 @@ class Solving:
         tasks, refusals = self.tasks(context)
         if not tasks:
             return self._conclude(context, [], refusals)
-        preview = self.has_preview and context.scene.sparse_surface.show_preview
-        self._run = running.Run(tasks, preview, refusals=refusals)
+        self._run = running.Run(tasks, self._wanted_preview(context), refusals=refusals)
         running.start(self._run)
         self._run.timer = context.window_manager.event_timer_add(0.1, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
+
+    def _wanted_preview(self, context: Context) -> LivePreview | None:
+        settings = context.scene.sparse_surface
+        if not (self.has_preview and settings.show_preview):
+            return None
+        from .live_preview import LivePreview
+
+        return LivePreview(settings.preview_kind)
 
     def modal(self, context: Context, event: Event) -> set[str]:
         run = self._run
@@ -100,8 +103,11 @@ class Solving:
 
     def _step(self, context: Context, run: running.Run) -> set[str]:
         said = run.advance()
-        if said is not None and said.vertices is not None and run.current_source is not None:
-            self._show_preview(context, run, run.current_source, said.vertices)
+        source: Any = run.current_source  # a preview is of a mesh
+        if run.preview is not None:
+            run.preview.step_aside(context)
+            if said is not None and said.vertices is not None and source is not None:
+                run.preview.show(source, said.vertices, context)
         # An object that is made outside of Object Mode would be lost to undo.
         run.waiting = run.done and context.mode != "OBJECT"
         if not run.done or run.waiting:
@@ -109,14 +115,6 @@ class Solving:
             return {"PASS_THROUGH"}
         running.stop()
         return self._conclude(context, run.results, run.refusals)
-
-    def _show_preview(self, context: Context, run: running.Run, source: Any, positions: Any) -> None:
-        from . import live_preview
-
-        began = time.monotonic()
-        if began >= run.next_preview:
-            live_preview.show(source, positions, context.scene)
-            _rest_after_preview(run, began)
 
     def _conclude(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> set[str]:
         """Make the objects and say for each what came out; with nothing made it is an error."""
@@ -144,18 +142,6 @@ class Solving:
             line = text.format(name, report["patches"], error["rms"], error["max"], seconds)
         self.report({"INFO"}, line)
         estimate.learn(report)
-
-
-def _rest_after_preview(run: running.Run, began: float) -> None:
-    """Keep previews to a small share of the window's time, however long this mesh takes to draw on this machine."""
-
-    def drawn() -> None:
-        now = time.monotonic()
-        run.next_preview = now + PREVIEW_REST * (now - began)
-
-    run.next_preview = math.inf
-    # Timers are called next when Blender has taken the mesh in and drawn it.
-    bpy.app.timers.register(drawn, first_interval=0.0)
 
 
 def scene_settings(context: Context) -> Settings:

@@ -68,13 +68,13 @@ class CloudSurface:
     def solve(self) -> Steps[bool]:
         """Fit every patch by itself; returns whether that was hurried on request."""
         surface = Blend(self.observations)
-        self.fits, hurry = yield from solve_patches(surface, self.domains, self.settings, self._crew, 0)
+        self.fits, hurry = yield from solve_patches(surface, self.domains, self.settings, self._crew)
         return hurry
 
     def sweep(self) -> Steps[None]:
         """Fit every patch once more, against what the others leave."""
         single = replace(self.settings, sweeps=1)
-        yield from sweep_patches(self._blend(), self.domains, self.fits, single, self._crew, 0)
+        yield from sweep_patches(self._blend(), self.domains, self.fits, single, self._crew)
 
     def _blend(self) -> Blend:
         """The surface of the fits at the observations as they are now."""

@@ -48,8 +48,8 @@ class Blend:
         own = self.observations.of_patch(patch)
         self._surface[own.number] += own.blending[:, None] * (after.values - before.values)
 
-    def preview(self, count: int) -> Array:
-        """The surface at the first observations while patches come in, (count, 3): the data where they are missing."""
+    def at_first(self, count: int) -> Array:
+        """The surface at the first observations, (count, 3): the data where patches are missing."""
         return self._surface[:count].copy()
 
     def remainder(self, own: PatchObservations, fit: PatchFit) -> Array:

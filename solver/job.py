@@ -234,12 +234,13 @@ class Job:
             return start_child("job", str(self.folder), python=self.python, stderr=log, cwd=self.folder, gives_way=True)
 
     def _progress(self, message: Mapping[str, Any], earlier: Progress | None) -> Progress:
-        vertices = earlier.vertices if earlier is not None else None
+        surface = earlier.surface if earlier is not None else None
         if message["preview"]:
             path = self.folder / message["preview"]
-            vertices = np.load(path, allow_pickle=False)
+            shown = np.load(path, allow_pickle=False)
             path.unlink()
-        return Progress(message["stage"], message["fraction"], message["detail"], vertices)
+            surface = lambda: shown  # noqa: E731
+        return Progress(message["stage"], message["fraction"], message["detail"], surface)
 
     def _read_outcome(self) -> Outcome | CloudOutcome:
         names = _RESULT_ARRAYS[self._kind]
@@ -365,9 +366,9 @@ class _Reporter:
         return self.requests.newest
 
     def _preview(self, step: Progress, now: float) -> str:
-        if not self.previews or step.vertices is None or now - self._shown < SECONDS_BETWEEN_PREVIEWS:
+        if not self.previews or step.surface is None or now - self._shown < SECONDS_BETWEEN_PREVIEWS:
             return ""
         self._shown, self._count = now, self._count + 1
         name = f"preview_{self._count}.npy"
-        np.save(self.folder / name, step.vertices.astype(np.float32), allow_pickle=False)
+        np.save(self.folder / name, step.surface().astype(np.float32), allow_pickle=False)
         return name

@@ -26,6 +26,7 @@ from .observations import MeshObservations, checked_weights
 from .overshoot import overshooting
 from .patch_fit import ChunkTask, PatchFit, chunk_patches, chunk_task
 from .patches import build_patches
+from .preview import Preview
 from .progress import FINISH, Progress, Steps, run_to_end, within
 from .representation import Representation
 from .settings import Settings
@@ -186,8 +187,9 @@ def _approximate(
     inside = settings.observations == "centroids"
     observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights, inside)
     surface = Blend(observations)
+    preview = Preview(mesh.vertices, patches, domains, blend)
     with watch.stage("solve"):
-        fits, hurry = yield from solve_patches(surface, domains, settings, crew, len(mesh.vertices))
+        fits, hurry = yield from solve_patches(surface, domains, settings, crew, preview)
     iterations = iteration_measures(fits)
     if inside and not hurry:
         with watch.stage("solve"):
@@ -195,7 +197,7 @@ def _approximate(
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
             surface = blend_of(observations, fits) if observations is not surface.observations else surface
-            yield from sweep_patches(surface, domains, fits, settings, crew, len(mesh.vertices))
+            yield from sweep_patches(surface, domains, fits, settings, crew, preview)
             if inside:
                 yield from steady_patches(mesh, observations, domains, fits, settings, crew)
     refined = RefinedSurface(mesh, patches, blend, fits)
@@ -208,7 +210,7 @@ def _approximate(
     yield Progress("Blending", 0.97)
     with watch.stage("blend"):
         points = representation.at_vertices()
-    yield Progress("Measuring", 0.98, vertices=points)
+    yield Progress("Measuring", 0.98, surface=points.copy)
     return _result(mesh, representation, points.astype(stored), iterations, refined.fits, settings, kept, crew, watch)
 
 
@@ -224,12 +226,9 @@ def _held_vertices(
 
 
 def solve_patches(
-    surface: Blend, domains: Array, settings: Settings, crew: Crew, shown: int
+    surface: Blend, domains: Array, settings: Settings, crew: Crew, preview: Preview | None = None
 ) -> Steps[tuple[list[PatchFit], bool]]:
-    """Fit every patch by itself; returns the fits and whether the rest was hurried on request.
-
-    The first `shown` observations are handed out as preview of the surface.
-    """
+    """Fit every patch by itself; returns the fits and whether the rest was hurried on request."""
     count = len(surface.patches)
     fits: list[PatchFit | None] = [None] * count
     end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
@@ -240,6 +239,8 @@ def solve_patches(
         for chunk in chunk_patches(surface.observations, np.arange(count), channels_of(settings)):
             yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
+    shown = preview.of(surface, fits) if preview is not None else None
+    yield Progress("Solving patches", SOLVE_STARTS, f"0 of {count} patches", shown)
     done = 0
     for task, fitted in crew.run(tasks()):
         for patch, fit in zip(task.patches, fitted, strict=True):
@@ -247,7 +248,7 @@ def solve_patches(
             surface.add(int(patch), fit)
         done += len(fitted)
         share = SOLVE_STARTS + (end - SOLVE_STARTS) * done / count
-        request = yield Progress("Solving patches", share, f"{done} of {count} patches", surface.preview(shown))
+        request = yield Progress("Solving patches", share, f"{done} of {count} patches", shown)
         state["hurry"] = state["hurry"] or request == FINISH
     return [fit for fit in fits if fit is not None], state["hurry"]
 
@@ -285,16 +286,17 @@ def blend_of(observations: MeshObservations, fits: list[PatchFit]) -> Blend:
 
 
 def sweep_patches(
-    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, crew: Crew, shown: int
+    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, crew: Crew, preview: Preview | None = None
 ) -> Steps[None]:
     """Make the patches consistent; changes `fits`."""
+    shown = preview.of(surface, fits) if preview is not None else None
     total = settings.sweeps * len(fits)
     done = 0
     for number in range(settings.sweeps):
         for count in sweep(surface, domains, fits, settings, crew.run):
             done += count
             share = SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * done / total
-            request = yield Progress("Blending patches", share, f"sweep {number + 1}", surface.preview(shown))
+            request = yield Progress("Blending patches", share, f"sweep {number + 1}", shown)
             if request == FINISH:
                 return
 

@@ -31,14 +31,19 @@ class Progress:
         Share of the whole work that is done, in [0, 1], never falling.
     detail
         A short addition such as "96 of 535 patches"; may be empty.
-    vertices
-        The surface as it stands, (V, 3) in scene units, where the stage has one to show.
+    surface
+        Makes `vertices`, where the stage has a surface to show; to be called before the work goes on.
     """
 
     stage: str
     fraction: float
     detail: str = ""
-    vertices: NDArray[np.float64] | None = None
+    surface: Callable[[], NDArray[np.float64]] | None = None
+
+    @property
+    def vertices(self) -> NDArray[np.float64] | None:
+        """The surface as it stands, (V, 3) in scene units, or None; who does not ask pays nothing."""
+        return None if self.surface is None else self.surface()
 
 
 Steps = Generator[Progress, str | None, Result]
@@ -73,6 +78,6 @@ def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
                 step = steps.send(request)
             except StopIteration as stop:
                 return stop.value
-            request = yield Progress(step.stage, start + (end - start) * step.fraction, step.detail, step.vertices)
+            request = yield Progress(step.stage, start + (end - start) * step.fraction, step.detail, step.surface)
     finally:
         steps.close()

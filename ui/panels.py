@@ -161,6 +161,9 @@ class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
         column.prop(settings, "replace_result")
         column.prop(settings, "hide_original")
         column.prop(settings, "show_preview")
+        kind = column.row()
+        kind.active = settings.show_preview
+        kind.prop(settings, "preview_kind")
         for name in OUTPUT:
             column.prop(settings, name)
 

@@ -214,6 +214,16 @@ class SparseSurfaceSettings(PropertyGroup):
         description="Show the surface while it is being solved. Costs a little time on large meshes",
         default=True,
     )
+    preview_kind: EnumProperty(
+        name="Shown As",
+        description="How the surface is shown while it is being solved",
+        items=(
+            ("AUTOMATIC", "Automatic", "As the result object where Blender draws quickly here, else as a drawing"),
+            ("OBJECT", "Object", "As the result object, from early on. Without a graphics card it makes Blender slow"),
+            ("DRAWN", "Drawing", "Drawn over the source in the colours of its distance; the object comes at the end"),
+        ),
+        default="AUTOMATIC",
+    )
     display: PointerProperty(type=SparseSurfaceDisplay)
     reconstruction: PointerProperty(type=SparseSurfaceReconstruction)
     inspection: PointerProperty(type=inspect_properties.SparseSurfaceInspection)

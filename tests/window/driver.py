@@ -169,6 +169,12 @@ def running() -> Any:
     return module("operators.running").current
 
 
+def drawn_objects() -> frozenset[int]:
+    """Return the session numbers of the objects whose surfaces are drawn while they are being solved."""
+    drawn: frozenset[int] = module("operators.drawn_preview").drawn_objects()
+    return drawn
+
+
 def children() -> list[int]:
     """Return the process numbers of the solver's processes, workers of workers too (where there is /proc)."""
     found = []

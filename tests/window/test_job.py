@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 import driver
@@ -40,10 +41,9 @@ def assert_nothing_left(objects: set[str]) -> driver.Steps:
 
 
 def test_job_runs_to_its_end_with_progress_and_preview():
-    yield from start_job(iterations=8)
+    yield from start_job(iterations=8, preview_kind="DRAWN")
     yield from driver.open_sidebar()
-    preview = driver.module("operators.live_preview")
-    yield from driver.wait_for(preview.shown_object, 120.0, "preview")
+    yield from driver.wait_for(driver.drawn_objects, 120.0, "preview")
     fractions = []
 
     def done() -> bool:
@@ -58,7 +58,7 @@ def test_job_runs_to_its_end_with_progress_and_preview():
     yield 0.5
     assert fractions == sorted(fractions)
     assert len(set(fractions)) > 5
-    assert preview.shown_object() is None
+    assert not driver.drawn_objects()
     made = bpy.context.view_layer.objects.active
     assert made.name == RESULT
     assert made.select_get()
@@ -83,9 +83,9 @@ def test_one_undo_step_takes_the_result_back_and_redo_brings_it_again():
 
 def test_the_surface_is_drawn_while_it_is_solved():
     """In colours, which nothing else in the viewport has this many of, and without an object."""
-    sheet = yield from start_job(60, iterations=60)
-    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 120.0, "preview")
-    assert driver.module("operators.live_preview").shown_object() == sheet.session_uid
+    sheet = yield from start_job(60, iterations=60, preview_kind="DRAWN")
+    yield from driver.wait_for(driver.drawn_objects, 120.0, "preview")
+    assert driver.drawn_objects() == {sheet.session_uid}
     view = driver.viewport().spaces.active.region_3d
     view.view_distance, far = 5.0, view.view_distance
     yield 0.5
@@ -113,7 +113,7 @@ def test_the_surface_is_drawn_while_it_is_solved():
 
 def test_what_a_run_shows_costs_little():
     """Slow previews are seldom, and progress is drawn no more often than it can be read."""
-    preview, status = driver.module("operators.live_preview"), driver.module("operators.status")
+    preview, status = driver.module("operators.drawn_preview"), driver.module("operators.status")
     draw, show = preview.show, status.show_status
     updates: list[float] = []
     lines: list[str] = []
@@ -127,7 +127,7 @@ def test_what_a_run_shows_costs_little():
         lines.append(status.status_text(run) if run is not None else "")
         show(context, run)
 
-    yield from start_job(120, iterations=60)
+    yield from start_job(120, iterations=60, preview_kind="DRAWN")
     preview.show, status.show_status = slow_draw, noted_show
     try:
         yield from driver.wait_for(lambda: updates, 120.0, "preview")
@@ -145,9 +145,117 @@ def test_what_a_run_shows_costs_little():
     yield from assert_nothing_left({"Creased"})
 
 
+def early_error() -> float | None:
+    """Return how far the early result object is off by root mean square, None where there is no such object."""
+    early = [each for each in bpy.data.objects if "sparse_surface_early" in each]
+    assert len(early) <= 1
+    if not early:
+        return None
+    assert early[0].name == RESULT
+    return float(np.sqrt(np.mean(driver.module("operators.mesh_data").read_error(early[0].data) ** 2)))
+
+
+def test_the_result_object_appears_early_and_improves():
+    yield from start_job(150, iterations=60, preview_kind="OBJECT")
+    yield from driver.wait_for(early_error, 120.0, "early object")
+    assert driver.running().progress.fraction < 0.5
+    errors = []
+
+    def improved() -> bool:
+        errors.append(early_error())
+        return errors[-1] < 0.6 * errors[0]
+
+    driver.shot("job_early_object")
+    yield from driver.wait_for(improved, 120.0, "a better surface")
+    driver.shot("job_early_object_improved")
+    assert not driver.drawn_objects()
+    assert driver.running() is not None
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
+
+
+def test_the_early_object_gives_way_to_saving_and_to_other_modes():
+    yield from start_job(150, iterations=60, preview_kind="OBJECT")
+    yield from driver.wait_for(early_error, 120.0, "early object")
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "saved.blend")
+        bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+        with bpy.data.libraries.load(path) as (saved, _):
+            assert list(saved.objects) == ["Creased"]
+            assert len(saved.meshes) == 1
+    yield from driver.wait_for(early_error, 60.0, "early object after saving")
+    with driver.in_viewport():
+        bpy.ops.object.mode_set(mode="SCULPT")
+    yield from driver.wait_for(lambda: early_error() is None, 1.0, "end of the early object in Sculpt Mode")
+    with driver.in_viewport():
+        bpy.ops.object.mode_set(mode="OBJECT")
+    yield from driver.wait_for(early_error, 60.0, "early object back in Object Mode")
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
+
+
+def test_the_early_object_becomes_the_result_in_one_undo_step():
+    """Also where undo steps of the user's were made while it was there."""
+    sheet = yield from start_job(60, iterations=8, preview_kind="OBJECT")
+    yield from driver.wait_for(early_error, 120.0, "early object")
+    with driver.in_viewport():
+        sheet.location.x = 1.0
+        bpy.ops.ed.undo_push(message="moved")
+    yield from driver.wait_for(lambda: driver.running() is None, 240.0, "result")
+    yield 0.3
+    assert early_error() is None
+    assert {each.name for each in bpy.data.objects} == {"Creased", RESULT}
+    assert bpy.data.objects[RESULT].matrix_world.translation.x == 1.0
+    for undo, left in ((bpy.ops.ed.undo, {"Creased"}), (bpy.ops.ed.redo, {"Creased", RESULT})):
+        with driver.in_viewport():
+            undo()
+        yield 0.3
+        assert {each.name for each in bpy.data.objects} == left
+        assert len(bpy.data.meshes) == len(left)
+        assert early_error() is None
+        assert bpy.data.objects["Creased"].location.x == 1.0
+    assert bpy.data.objects[RESULT]["sparse_surface"]["patches"] > 20
+
+
+def test_an_object_is_shown_where_blender_draws_quickly():
+    """And no longer where it turns out to be slow."""
+    preview = driver.module("operators.live_preview")
+    quick, slow = preview.QUICK, preview.SLOW
+    preview.QUICK = preview.SLOW = 1000.0
+    try:
+        yield from start_job(120, iterations=60)
+        yield from driver.wait_for(driver.drawn_objects, 120.0, "drawing")
+        yield from driver.wait_for(early_error, 60.0, "early object")
+        assert not driver.drawn_objects()
+        preview.QUICK = preview.SLOW = 0.0
+        yield from driver.wait_for(lambda: early_error() is None, 60.0, "end of the early object")
+        yield from driver.wait_for(driver.drawn_objects, 60.0, "drawing again")
+    finally:
+        preview.QUICK, preview.SLOW = quick, slow
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
+
+
+def test_the_result_joins_its_source_in_local_view():
+    driver.clear_scene()
+    bpy.context.scene.sparse_surface.iterations = 4
+    driver.add_creased_grid(24)
+    space = driver.viewport().spaces.active
+    with driver.in_viewport():
+        bpy.ops.view3d.localview()
+    yield 0.3
+    driver.approximate()
+    yield from driver.wait_for(lambda: driver.running() is None, 120.0, "result")
+    yield 0.3
+    assert bpy.data.objects[RESULT].local_view_get(space)
+    with driver.in_viewport():
+        bpy.ops.view3d.localview()
+    assert space.local_view is None
+
+
 def test_escape_ends_it():
     yield from start_job()
-    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 120.0, "preview")
+    yield from driver.wait_for(driver.drawn_objects, 120.0, "preview")
     driver.press("ESC")
     yield from driver.wait_for(lambda: driver.running() is None, 0.5, "end after ESC")
     yield from assert_nothing_left({"Creased"})
@@ -241,14 +349,14 @@ def test_renaming_and_moving_the_source_is_followed():
 
 def test_undo_during_the_job():
     yield from start_job(80)  # lasts long enough to be seen
-    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 120.0, "preview")
+    yield from driver.wait_for(driver.drawn_objects, 120.0, "preview")
     with driver.in_viewport():
         bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
         bpy.ops.ed.undo_push(message="moved")
         bpy.ops.ed.undo()
     yield from driver.wait_for(lambda: driver.running() is None, 180.0, "result")
     yield 0.3
-    assert driver.module("operators.live_preview").shown_object() is None
+    assert not driver.drawn_objects()
     assert {each.name for each in bpy.data.objects} == {"Creased", RESULT}
     with driver.in_viewport():
         bpy.ops.ed.undo()

@@ -103,7 +103,7 @@ def meter_steps(spent: list[float]) -> None:
 def measure_solving() -> driver.Steps:
     """Return the figures while the solver works."""
     driver.approximate()
-    yield from driver.wait_for(driver.module("operators.live_preview").shown_object, 200.0, "preview")
+    yield from driver.wait_for(driver.drawn_objects, 200.0, "preview")
     figures = yield from measure("solving")
     assert driver.running() is not None, "the job was over before the measurement"
     assert driver.children()
