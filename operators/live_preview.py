@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
-from bpy.types import Context, Scene
+from bpy.types import Context, Scene, SpaceView3D
 from numpy.typing import NDArray
 
 from . import drawn_preview, early_object
@@ -18,6 +18,9 @@ from .heat_map import colour_scale, shown_tolerance
 if TYPE_CHECKING:
     from .mesh_data import Source
 
+NO_VIEWPORT = 1.0
+"""Seconds after which no 3D viewport is expected to be drawn: there may be none."""
+
 USUAL_PERCENTILE = 95.0
 """Of a source's errors when it is first shown: the upper end of the colours."""
 
@@ -25,7 +28,7 @@ REST = 20.0
 """How many times as long as a preview held the window up there is none after it."""
 
 QUICK = 1.0 / 30.0
-"""Seconds: where a drawing takes less, an object can be afforded, which has Blender draw a viewport several times."""
+"""Seconds: where a window with a drawing takes less, an object can be afforded, for which viewports are drawn often."""
 
 SLOW = 0.1
 """Seconds: where an object takes more after all, the surface is drawn for the rest of the run."""
@@ -44,6 +47,8 @@ class LivePreview:
         self._as_object = kind == "OBJECT"
         self._automatic = kind == "AUTOMATIC"
         self._next = 0.0
+        self._to_be_drawn = False
+        self._handle: object | None = None
         self._usual_error: dict[int, float] = {}
 
     def show(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
@@ -67,6 +72,9 @@ class LivePreview:
 
     def clear(self) -> None:
         """Take back all that is shown."""
+        if self._handle is not None:
+            SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+            self._handle = None
         drawn_preview.clear()
         early_object.remove_all()
 
@@ -80,14 +88,23 @@ class LivePreview:
     def _rest(self, began: float) -> None:
         """Keep previews to a small share of the window's time, however long they take to draw on this machine."""
 
-        def drawn() -> None:
-            now = time.monotonic()
-            self._next = now + REST * (now - began)
-            self._choose(now - began)
+        def drawn() -> float | None:
+            took = time.monotonic() - began
+            if self._to_be_drawn and took < NO_VIEWPORT:
+                return 0.0
+            self._next = began + (1.0 + REST) * took
+            self._choose(took)
+            return None
 
         self._next = math.inf
-        # Timers are called next when Blender has taken the preview in and drawn it.
+        self._to_be_drawn = True
+        if self._handle is None:
+            self._handle = SpaceView3D.draw_handler_add(self._note_drawing, (), "WINDOW", "POST_PIXEL")
+        # Of the timer's calls, the first one after a viewport was drawn comes when the whole window has been.
         bpy.app.timers.register(drawn, first_interval=0.0)
+
+    def _note_drawing(self) -> None:
+        self._to_be_drawn = False
 
     def _choose(self, seconds: float) -> None:
         """Choose what to show next by how long the last preview held the window up."""
