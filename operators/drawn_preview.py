@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import gpu
 import numpy as np
-from bpy.types import Object, RegionView3D, Space, SpaceView3D
+from bpy.types import Context, Object, RegionView3D, Space, SpaceView3D
 from numpy.typing import NDArray
 
-from .mesh_data import find_object
+from .mesh_data import find_object, is_shown_in
 from .status import redraw_regions
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _draw() -> None:
     try:
         for session_uid, batch in _drawn.items():
             placed = find_object(session_uid)
-            if placed is not None and _is_wanted(placed, context.space_data):
+            if placed is not None and _is_wanted(placed, context.space_data, context):
                 _draw_one(placed, batch, context.region_data)
     finally:
         gpu.state.depth_mask_set(False)
@@ -104,11 +104,9 @@ def _draw_one(placed: Object, batch: Any, view: RegionView3D) -> None:
         batch.draw(shader)
 
 
-def _is_wanted(placed: Object, view: Space | None) -> bool:
-    """Whether the surface belongs into a viewport: not over a mesh that is being worked on, nor into another's view."""
-    if not isinstance(view, SpaceView3D) or placed.mode != "OBJECT":
-        return False
-    return view.local_view is None or placed.local_view_get(view)
+def _is_wanted(placed: Object, view: Space | None, context: Context) -> bool:
+    """Whether the surface belongs into a viewport: where its source is, unless that is being worked on."""
+    return isinstance(view, SpaceView3D) and placed.mode == "OBJECT" and is_shown_in(view, placed, context)
 
 
 def _upload(positions: NDArray[np.float32], colours: NDArray[np.floating[Any]], triangles: NDArray[np.int32]) -> Any:

@@ -67,8 +67,9 @@ class LivePreview:
 
     def step_aside(self, context: Context) -> None:
         """Take back an object while the user works in another mode, where undo does not know of it."""
-        if context.mode != "OBJECT":
+        if self._as_object and context.mode != "OBJECT":
             early_object.remove_all()
+            self._next = 0.0
 
     def clear(self) -> None:
         """Take back all that is shown."""

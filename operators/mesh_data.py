@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -429,13 +428,16 @@ def link_beside(made: Object, beside: Object, context: Context) -> None:
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                _join_local_view(made, beside, area.spaces.active)
+                view = area.spaces.active
+                if view.local_view is not None and is_shown_in(view, beside, context):
+                    made.local_view_set(view, True)
 
 
-def _join_local_view(made: Object, beside: Object, view: SpaceView3D) -> None:
-    if view.local_view is not None:
-        with suppress(RuntimeError):  # one of both is not in that window's view layer
-            made.local_view_set(view, beside.local_view_get(view))
+def is_shown_in(view: SpaceView3D, placed: Object, context: Context) -> bool:
+    """Whether a viewport shows an object: neither it nor its collection is hidden, and it is in the local view."""
+    depsgraph = context.view_layer.depsgraph
+    # Blender 4 knows it of evaluated objects only.
+    return depsgraph is not None and bool(placed.evaluated_get(depsgraph).visible_in_viewport_get(view))
 
 
 def place_like(made: Object, model: Object) -> None:

@@ -9,12 +9,14 @@ passed and 1 when it has failed.
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -27,8 +29,11 @@ Steps = Generator[float, None, None]
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
 
 
-def run(*tests: Callable[[], Steps]) -> None:
-    """Run tests one after the other, then quit Blender; the first that fails ends it at once."""
+def run(*tests: Callable[..., Steps]) -> None:
+    """Run tests one after the other, then quit Blender; the first that fails ends it at once.
+
+    A test with a parameter `monkeypatch` is given a function: owner, name of an attribute, and its value in this test.
+    """
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.use_save_prompt = False
     bpy.context.preferences.use_preferences_save = False  # what a test changes is not for the next one
@@ -51,11 +56,19 @@ def run(*tests: Callable[[], Steps]) -> None:
     bpy.app.timers.register(step, first_interval=1.0, persistent=True)
 
 
-def _chain(tests: tuple[Callable[[], Steps], ...]) -> Iterator[float]:
+def _chain(tests: tuple[Callable[..., Steps], ...]) -> Iterator[float]:
     for test in tests:
         started = time.monotonic()
-        yield from test()
+        with ExitStack() as stack:
+            wanted = inspect.signature(test).parameters
+            yield from test(**({"monkeypatch": partial(_patch, stack)} if "monkeypatch" in wanted else {}))
         print(f"passed {test.__name__} ({time.monotonic() - started:.1f} s)", flush=True)
+
+
+def _patch(stack: ExitStack, owner: Any, name: str, value: Any) -> None:
+    """Set an attribute until the test has ended."""
+    stack.callback(setattr, owner, name, getattr(owner, name))
+    setattr(owner, name, value)
 
 
 def add_on() -> str:

@@ -4,8 +4,9 @@ While the bunny's number of vertices is being solved, the 95th percentile of the
 window's, and no tick takes more than 150 ms, whatever the idle window does.  The source is drawn as a box, since
 how fast Blender draws a large mesh by software is not what is measured; the surface being solved is drawn whole.
 
-With `--shared-machine`, as in CI, where others' work comes between, one round of three has to pass, and where the idle
-window itself has slow ticks the longest may be 1.5 times as long as its longest.
+A round in which the idle window has longer ticks than that says nothing about the solver; where it fails it is
+repeated.  With `--shared-machine`, as in CI, one round of three has to pass, and the longest tick may be 1.5 times as
+long as the idle window's.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ LARGEST = 150.0
 """Milliseconds."""
 
 SHARED_MACHINE = "--shared-machine" in sys.argv
-ROUNDS = 3 if SHARED_MACHINE else 1
+ROUNDS = 3 if SHARED_MACHINE else 5
 
 ticks: list[float] = []
 
@@ -123,18 +124,33 @@ def measure_solving() -> driver.Steps:
     return figures
 
 
+@dataclass
+class Round:
+    """The idle window before and after, and the window while the solver works."""
+
+    before: Figures
+    solving: Figures
+    after: Figures
+
+    @property
+    def passes(self) -> bool:
+        """Whether the solver holds the window up for no longer than it may."""
+        largest = max(LARGEST, FACTOR * self.longest_idle) if SHARED_MACHINE else LARGEST
+        high = FACTOR * max(self.before.high, self.after.high)
+        return self.solving.high <= high and self.solving.largest <= largest
+
+    @property
+    def longest_idle(self) -> float:
+        """Longest tick of the idle window."""
+        return max(self.before.largest, self.after.largest)
+
+
 def measure_round() -> driver.Steps:
-    """Return what is wrong with one round of idle, solving, idle; nothing where it passes."""
+    """Return a `Round`."""
     before = yield from measure("idle")
     solving = yield from measure_solving()
     after = yield from measure("idle")
-    high = FACTOR * max(before.high, after.high)
-    largest = LARGEST
-    if SHARED_MACHINE:
-        largest = max(largest, FACTOR * max(before.largest, after.largest))
-    if solving.high > high or solving.largest > largest:
-        return f"{solving}; allowed are {high:.0f} and {largest:.0f} ms"
-    return ""
+    return Round(before, solving, after)
 
 
 def test_redraws_go_on_while_the_solver_works():
@@ -146,15 +162,13 @@ def test_redraws_go_on_while_the_solver_works():
     spent: list[float] = []
     meter_steps(spent)
     yield 1.0
-    wrong = []
-    while len(wrong) < ROUNDS:
-        wrong.append((yield from measure_round()))
-        if not wrong[-1]:
+    for _ in range(ROUNDS):
+        measured = yield from measure_round()
+        if measured.passes or not (SHARED_MACHINE or measured.longest_idle > LARGEST):
             break
-        print(wrong[-1], flush=True)
     print(f"the operator's own steps: {len(spent)}, at most {max(spent):.0f} ms of processor time")
     assert max(spent) < 50.0
-    assert not wrong[-1], wrong
+    assert measured.passes, measured
 
 
 if __name__ == "__main__":
