@@ -24,7 +24,7 @@ NO_VIEWPORT = 1.0
 USUAL_PERCENTILE = 95.0
 """Of a source's errors when it is first shown: the upper end of the colours."""
 
-REST = 20.0
+REST = 8.0
 """How many times as long as a preview held the window up there is none after it."""
 
 QUICK = 1.0 / 30.0

@@ -91,8 +91,8 @@ def is_open(points: Array) -> bool:
     around = points[near[:, 1:]] - points[:, None]
     centred = points[near] - points[near].mean(axis=1, keepdims=True)
     _, axes = np.linalg.eigh(np.matmul(centred.swapaxes(1, 2), centred))
-    plane = np.matmul(around, axes[:, :, 1:])
-    angle = np.sort(np.arctan2(plane[..., 1], plane[..., 0]), axis=1)
+    u, v = np.ascontiguousarray(np.moveaxis(np.matmul(around, axes[:, :, 1:]), -1, 0))
+    angle = np.sort(np.arctan2(v, u), axis=1)
     gaps = np.diff(angle, axis=1, append=angle[:, :1] + 2.0 * np.pi)
     return int((gaps.max(axis=1) > WIDEST_GAP).sum()) > BORDER_POINTS * np.sqrt(len(points))
 

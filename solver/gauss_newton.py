@@ -52,10 +52,11 @@ def gauss_newton_move(
         Move of the vertices, (2, B, m).
     """
     unit = _units(gradient)
-    beta2 = (weights[1] / unit**2).astype(np.float32)[:, None]
-    rows, slopes = orthonormal.astype(np.float32), _in_units(gradient, unit).astype(np.float32)
-    shift = ((weights[0] + damping) / unit**2).astype(np.float32)[:, None]
     single = batch.single
+    precision = single.observe.dtype
+    beta2 = (weights[1] / unit**2).astype(precision)[:, None]
+    rows, slopes = orthonormal.astype(precision), _in_units(gradient, unit).astype(precision)
+    shift = ((weights[0] + damping) / unit**2).astype(precision)[:, None]
 
     def apply(move: Singles) -> Singles:
         observed = (single.observe @ move.ravel()).reshape(2, batch.problems, 1, -1)
@@ -71,7 +72,7 @@ def gauss_newton_move(
 
     precondition = _block_jacobi(batch, slopes, shift + beta2 * single.laplacian_diagonal)
     force = force / (unit**2)[:, None]
-    return _conjugate_gradients(apply, precondition, force.astype(np.float32)).astype(np.float64)
+    return _conjugate_gradients(apply, precondition, force.astype(precision)).astype(np.float64)
 
 
 def _units(gradient: Array) -> Array:

@@ -57,7 +57,8 @@ def flower() -> Model:
 def detailed() -> Model:
     """Return a smooth body with fine relief: 56,252 vertices, in the place of the paper's Bird."""
     directions, faces = _geodesic_sphere(75, jitter=_JITTER)
-    x, y, z = directions.T
+    # Contiguous: NumPy may round functions of a strided row differently, as it happens to lie in memory.
+    x, y, z = np.ascontiguousarray(directions.T)
     body = 1 + 0.25 * x * z + 0.15 * np.cos(2.4 * y + 0.5) - 0.2 * z**3
     relief = _waves(
         directions, frequencies=(4.0, 8.0, 15.0, 26.0, 40.0), amplitudes=(0.1, 0.1, 0.06, 0.03, 0.012), seed=7
@@ -251,7 +252,8 @@ def _prism(cells: int, layers: int, outline: Callable[[Floats], Floats], height:
     """Return a closed prism over the outline radius(angle): quads, `cells` across an end, `layers` in the wall."""
     disk, quads, border = _disk_grid(cells, jitter=_JITTER)
     count, around = len(disk), len(border)
-    angle = np.arctan2(disk[:, 1], disk[:, 0])
+    x, y = np.ascontiguousarray(disk.T)
+    angle = np.arctan2(y, x)
     end = disk * outline(angle)[:, None]
     turn, step = np.divmod(np.arange(around * (layers - 1)), around)
     wall_angle = angle[border][step]
