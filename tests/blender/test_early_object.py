@@ -71,6 +71,7 @@ def test_none_is_made_of_a_source_that_was_edited_or_deleted() -> None:
     positions, error = source.arrays.vertices.astype(np.float64), np.zeros(len(source.arrays.vertices))
     meshes = len(bpy.data.meshes)
     sheet.data.vertices.add(1)
+    sheet.data.update()
     early_object.show(source, positions, error, SCALE, bpy.context)
     assert not early_objects()
     assert len(bpy.data.meshes) == meshes
