@@ -46,16 +46,29 @@ class LivePreview:
     def __init__(self, kind: str) -> None:
         self._as_object = kind == "OBJECT"
         self._automatic = kind == "AUTOMATIC"
+        self._newest: tuple[Source, NDArray[np.float64]] | None = None
+        self._shown = False
         self._next = 0.0
+        self._first = True
         self._to_be_drawn = False
         self._handle: object | None = None
         self._usual_error: dict[int, float] = {}
 
-    def show(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
-        """Show the surface at positions (V, 3) in the frame of `source.arrays`, unless it was shown just now."""
+    def take(self, source: Source, positions: NDArray[np.float64]) -> None:
+        """Have the surface at positions (V, 3) in the frame of `source.arrays` shown at the next opportunity."""
+        self._newest, self._shown = (source, positions), False
+
+    def update(self, context: Context) -> None:
+        """Show what is new, unless something was shown just now; to be called all the time."""
+        if self._as_object and context.mode != "OBJECT":  # undo does not know of objects that are made in other modes
+            early_object.remove_all()
+            self._shown = False
+        elif self._newest is not None and not self._shown and time.monotonic() >= self._next:
+            self._shown = True
+            self._show(*self._newest, context)
+
+    def _show(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
         began = time.monotonic()
-        if began < self._next or (self._as_object and context.mode != "OBJECT"):
-            return
         error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
         scale = self._scale(context.scene, source, error)
         if self._as_object:
@@ -64,12 +77,6 @@ class LivePreview:
         else:
             drawn_preview.show(source, positions, scale.colours(error))
         self._rest(began)
-
-    def step_aside(self, context: Context) -> None:
-        """Take back an object while the user works in another mode, where undo does not know of it."""
-        if self._as_object and context.mode != "OBJECT":
-            early_object.remove_all()
-            self._next = 0.0
 
     def clear(self) -> None:
         """Take back all that is shown."""
@@ -81,9 +88,11 @@ class LivePreview:
 
     def _scale(self, scene: Scene, source: Source, error: NDArray[np.float64]) -> ColourScale:
         """The scene's scale; where its range is automatic it stays what it first was, so that colours show the gain."""
-        if scene.sparse_surface.display.range_mode != "AUTOMATIC":
+        if source.session_uid not in self._usual_error:
+            self._usual_error[source.session_uid] = float(np.percentile(error, USUAL_PERCENTILE))
+        usual = self._usual_error[source.session_uid]
+        if usual == 0.0 or scene.sparse_surface.display.range_mode != "AUTOMATIC":
             return colour_scale(scene, error)
-        usual = self._usual_error.setdefault(source.session_uid, float(np.percentile(error, USUAL_PERCENTILE)))
         return ColourScale(0.0, usual, shown_tolerance(scene))
 
     def _rest(self, began: float) -> None:
@@ -93,8 +102,12 @@ class LivePreview:
             took = time.monotonic() - began
             if self._to_be_drawn and took < NO_VIEWPORT:
                 return 0.0
-            self._next = began + (1.0 + REST) * took
-            self._choose(took)
+            if self._first:  # it says little: shaders are compiled for it
+                self._next = began + 2.0 * took
+            else:
+                self._next = began + (1.0 + REST) * took
+                self._choose(took)
+            self._first = False
             return None
 
         self._next = math.inf

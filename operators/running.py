@@ -43,6 +43,8 @@ class Run:
         One sentence for each object that has no result.
     progress
         What the solver said last, its fraction that of the whole run.
+    started
+        When the solver said its first word; until then, when the run began.
     shown, shown_at
         The workspace and the line of progress that is drawn there, and since when.
     sidebars_behind
@@ -84,6 +86,8 @@ class Run:
             return None
         said = self._job.poll()
         if said is not None:
+            if self.progress is None:
+                self.started = time.monotonic()
             before = (self._begun - 1) / len(self.tasks)
             said = self.progress = replace(said, fraction=before + said.fraction / len(self.tasks))
         if not self._job.running:

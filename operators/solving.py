@@ -105,9 +105,9 @@ class Solving:
         said = run.advance()
         source: Any = run.current_source  # a preview is of a mesh
         if run.preview is not None:
-            run.preview.step_aside(context)
             if said is not None and said.vertices is not None and source is not None:
-                run.preview.show(source, said.vertices, context)
+                run.preview.take(source, said.vertices)
+            run.preview.update(context)
         # An object that is made outside of Object Mode would be lost to undo.
         run.waiting = run.done and context.mode != "OBJECT"
         if not run.done or run.waiting:

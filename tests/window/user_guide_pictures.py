@@ -29,9 +29,12 @@ def take_pictures() -> driver.Steps:
     driver.shot("guide_panel")
     driver.approximate()
     yield from driver.wait_for(lambda: driver.running().progress, 120.0, "first word of the solver")
-    yield from driver.wait_for(lambda: driver.running().progress.fraction > 0.3, 300.0, "a third of the work")
-    yield 0.3
+    yield from driver.wait_for(driver.drawn_objects, 60.0, "first look")
+    yield 0.5
     driver.shot("guide_progress")
+    yield from driver.wait_for(lambda: driver.running().progress.fraction > 0.55, 300.0, "much of the work")
+    yield 0.6
+    driver.shot("guide_improving")
     yield from driver.wait_for(lambda: driver.running() is None, 300.0, "result")
     with driver.in_viewport():
         bpy.ops.sparse_surface.show_heat_map()
