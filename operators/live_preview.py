@@ -58,14 +58,17 @@ class LivePreview:
         """Have the surface at positions (V, 3) in the frame of `source.arrays` shown at the next opportunity."""
         self._newest, self._shown = (source, positions), False
 
-    def update(self, context: Context) -> None:
-        """Show what is new, unless something was shown just now; to be called all the time."""
+    def update(self, context: Context) -> bool:
+        """Show what is new, unless something was shown just now; to be called all the time.  Whether that was done."""
         if self._as_object and context.mode != "OBJECT":  # undo does not know of objects that are made in other modes
             early_object.remove_all()
             self._shown = False
-        elif self._newest is not None and not self._shown and time.monotonic() >= self._next:
-            self._shown = True
-            self._show(*self._newest, context)
+            return False
+        if self._newest is None or self._shown or time.monotonic() < self._next:
+            return False
+        self._shown = True
+        self._show(*self._newest, context)
+        return True
 
     def _show(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
         began = time.monotonic()

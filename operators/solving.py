@@ -102,19 +102,25 @@ class Solving:
             running.stop()
 
     def _step(self, context: Context, run: running.Run) -> set[str]:
-        said = run.advance()
-        source: Any = run.current_source  # a preview is of a mesh
-        if run.preview is not None:
-            if said is not None and said.vertices is not None and source is not None:
-                run.preview.take(source, said.vertices)
-            run.preview.update(context)
+        previewed = self._preview(context, run, run.advance())
         # An object that is made outside of Object Mode would be lost to undo.
         run.waiting = run.done and context.mode != "OBJECT"
         if not run.done or run.waiting:
-            show_progress(context, run)
+            if not previewed:  # both in one picture would hold the window up for longer
+                show_progress(context, run)
             return {"PASS_THROUGH"}
         running.stop()
         return self._conclude(context, run.results, run.refusals)
+
+    @staticmethod
+    def _preview(context: Context, run: running.Run, said: Progress | None) -> bool:
+        """Show the surface as it stands, where it is time for it; whether that was done."""
+        if run.preview is None:
+            return False
+        source: Any = run.current_source  # only meshes have previews
+        if said is not None and said.vertices is not None and source is not None:
+            run.preview.take(source, said.vertices)
+        return run.preview.update(context)
 
     def _conclude(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> set[str]:
         """Make the objects and say for each what came out; with nothing made it is an error."""
