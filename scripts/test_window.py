@@ -140,11 +140,14 @@ def run_scripts(
             code = blender.run(script, folder, home, folder / "log.txt", extra)
         except subprocess.TimeoutExpired:
             code = 124
-        outcomes.append((script.stem, code, time.perf_counter() - start))
         log = (folder / "log.txt").read_text(encoding="utf-8", errors="replace")
+        passed = sum(line.startswith("passed ") for line in log.splitlines())
+        if code == 0 and not passed:
+            log += "\nNo test was run."
+            code = 1
+        outcomes.append((script.stem, code, time.perf_counter() - start))
         if code != 0:
             print(log[-6000:], flush=True)
-        passed = sum(line.startswith("passed ") for line in log.splitlines())
         verdict = "ok" if code == 0 else f"FAILED (exit code {code})"
         print(f"{blender.name}  {script.stem}: {verdict}, {passed} tests, {outcomes[-1][2]:.0f} s", flush=True)
     shutil.rmtree(home)

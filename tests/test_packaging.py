@@ -240,11 +240,11 @@ def test_ci_does_not_fail_where_no_window_can_be_had(
     assert window.main([]) == 1
 
 
-def window_tests(folder: Path, monkeypatch: pytest.MonkeyPatch, *, scripts_end_with: int) -> Any:
+def window_tests(folder: Path, monkeypatch: pytest.MonkeyPatch, *, scripts_end_with: int, say: str = "passed x") -> Any:
     """Return the script that runs the window tests, with a Blender that ends each of them in this way."""
     window = script("test_window")
     tool = folder / "real-blender"
-    tool.write_text(f'#!/bin/sh\n[ "$2" != gui ] || {{ echo "passed test_one (1 s)"; exit {scripts_end_with}; }}\n')
+    tool.write_text(f'#!/bin/sh\n[ "$2" != gui ] || {{ echo "{say}"; exit {scripts_end_with}; }}\n')
     tool.chmod(0o755)
     monkeypatch.delenv("BLENDER", raising=False)
     monkeypatch.setattr(window, "TOOL", tool)
@@ -259,6 +259,14 @@ def test_a_failing_window_test_fails_ci(
     window = window_tests(tmp_path, monkeypatch, scripts_end_with=1)
     assert window.main(["--where-available", "test_quit"]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "0 passed, 2 failed"
+
+
+def test_a_window_script_without_tests_fails_ci(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    window = window_tests(tmp_path, monkeypatch, scripts_end_with=0, say="Blender quit")
+    assert window.main(["test_quit"]) == 1
+    assert "No test was run." in capsys.readouterr().out
 
 
 def test_window_scripts_can_be_left_out(

@@ -1,9 +1,9 @@
 """Drives the window that Blender has open: what the tests in this folder share.
 
 Each ``test_*.py`` here is a script for one Blender with a window, in which the extension is enabled:
-``blender --enable-event-simulate --python tests/window/test_x.py -- FOLDER`` (the option only where it presses keys:
-see `scripts/test_window.py`).  Pictures of the window go into FOLDER.  Blender ends with exit code 0 when the test has
-passed and 1 when it has failed.
+``blender --enable-event-simulate --python tests/window/test_x.py -- FOLDER [--shared-machine] [TEST ...]`` (the first
+option only where it presses keys: see `scripts/test_window.py`).  Pictures of the window go into FOLDER.  Blender ends
+with exit code 0 when the test has passed and 1 when it has failed.
 """
 
 from __future__ import annotations
@@ -26,18 +26,25 @@ import bpy
 Steps = Generator[float, None, None]
 """A test: between two of its `yield SECONDS` Blender draws and handles events."""
 
-FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
+_ARGUMENTS = sys.argv[sys.argv.index("--") + 1 :]
+
+FOLDER = Path(_ARGUMENTS[0])
+
+SHARED_MACHINE = "--shared-machine" in _ARGUMENTS
+"""Whether others' work may come between what is timed."""
+
+_CHOSEN = [name for name in _ARGUMENTS[1:] if name != "--shared-machine"]
 
 
 def run(*tests: Callable[..., Steps]) -> None:
-    """Run tests one after the other, then quit Blender; the first that fails ends it at once.
+    """Run tests, all or those that are named, one after the other; then quit Blender.  One that fails ends it at once.
 
     A test with a parameter `monkeypatch` is given a function: owner, name of an attribute, and its value in this test.
     """
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.use_save_prompt = False
     bpy.context.preferences.use_preferences_save = False  # what a test changes is not for the next one
-    steps = _chain(tests)
+    steps = _chain(_named(tests))
 
     def step() -> float | None:
         try:
@@ -54,6 +61,14 @@ def run(*tests: Callable[..., Steps]) -> None:
         return None
 
     bpy.app.timers.register(step, first_interval=1.0, persistent=True)
+
+
+def _named(tests: tuple[Callable[..., Steps], ...]) -> tuple[Callable[..., Steps], ...]:
+    unknown = set(_CHOSEN) - {test.__name__ for test in tests}
+    if unknown:
+        print(f"There is no such test: {', '.join(sorted(unknown))}", flush=True)
+        os._exit(1)
+    return tuple(test for test in tests if not _CHOSEN or test.__name__ in _CHOSEN)
 
 
 def _chain(tests: tuple[Callable[..., Steps], ...]) -> Iterator[float]:

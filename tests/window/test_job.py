@@ -465,6 +465,4 @@ def test_disabling_the_extension_ends_it():
 
 
 if __name__ == "__main__":
-    tests = [value for name, value in list(globals().items()) if name.startswith("test_")]
-    chosen = sys.argv[sys.argv.index("--") + 2 :]
-    driver.run(*(test for test in tests if not chosen or test.__name__ in chosen))
+    driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
