@@ -12,7 +12,7 @@ import bpy
 from bpy.types import Context, Object
 
 from . import running
-from .result_object import result_name
+from .result_object import marked_objects, remove_marked, result_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -60,22 +60,12 @@ def _create(source: Source, context: Context) -> Object | None:
 
 def find(session_uid: int) -> Object | None:
     """Return the object that shows the surface of the source with this session number, if there is one."""
-    return next((early for early in _all() if early[EARLY] == session_uid), None)
+    return next((early for early in marked_objects(EARLY) if early[EARLY] == session_uid), None)
 
 
 def remove_all() -> None:
     """Remove these objects and their meshes."""
-    objects = _all()
-    meshes = {early.data for early in objects if early.type == "MESH"}
-    for early in objects:
-        bpy.data.objects.remove(early)
-    for mesh in meshes:
-        if mesh.users == 0:
-            bpy.data.meshes.remove(mesh)
-
-
-def _all() -> list[Object]:
-    return [candidate for candidate in bpy.data.objects if EARLY in candidate and candidate.library is None]
+    remove_marked(EARLY)
 
 
 @bpy.app.handlers.persistent

@@ -13,7 +13,7 @@ from mathutils import Matrix, Vector
 from ..solver.errors import InputError, SparseSurfaceError
 from .patch_colours import has_patches
 from .resample import reason_against
-from .result_object import PATCH, PATCH_COLOUR
+from .result_object import PATCH, PATCH_COLOUR, remove_marked
 
 if TYPE_CHECKING:
     from ..solver.inspection import PatchSheet
@@ -165,13 +165,7 @@ def lay_out_patch(context: Context, holder: Object, representation: Representati
 
 def clear_inspection(context: Context) -> None:
     """Remove everything that the inspection shows."""
-    shown = [candidate for candidate in bpy.data.objects if INSPECTED in candidate and candidate.library is None]
-    meshes = {candidate.data for candidate in shown if candidate.type == "MESH"}
-    for candidate in shown:
-        bpy.data.objects.remove(candidate)
-    for mesh in meshes:
-        if mesh.users == 0:
-            bpy.data.meshes.remove(mesh)
+    remove_marked(INSPECTED)
     collection = bpy.data.collections.get(COLLECTION)
     if collection is not None and not collection.objects and not collection.children and collection.library is None:
         bpy.data.collections.remove(collection)

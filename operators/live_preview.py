@@ -24,7 +24,7 @@ NO_VIEWPORT = 1.0
 USUAL_PERCENTILE = 95.0
 """Of a source's errors when it is first shown: the upper end of the colours."""
 
-REST = 8.0
+REST = 20.0
 """How many times as long as a preview held the window up there is none after it."""
 
 QUICK = 1.0 / 30.0
@@ -49,7 +49,6 @@ class LivePreview:
         self._newest: tuple[Source, NDArray[np.float64]] | None = None
         self._shown = False
         self._next = 0.0
-        self._first = True
         self._to_be_drawn = False
         self._handle: object | None = None
         self._usual_error: dict[int, float] = {}
@@ -105,12 +104,8 @@ class LivePreview:
             took = time.monotonic() - began
             if self._to_be_drawn and took < NO_VIEWPORT:
                 return 0.0
-            if self._first:  # it says little: shaders are compiled for it
-                self._next = began + 2.0 * took
-            else:
-                self._next = began + (1.0 + REST) * took
-                self._choose(took)
-            self._first = False
+            self._next = began + (1.0 + REST) * took
+            self._choose(took)
             return None
 
         self._next = math.inf

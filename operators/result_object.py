@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 from bpy.types import Object
 
 REPORT = "sparse_surface"
@@ -66,3 +67,19 @@ def has_heat_map(candidate: Object | None) -> bool:
         return False
     layer = candidate.data.attributes.get(ERROR)
     return layer is not None and (layer.data_type, layer.domain) == ("FLOAT", "POINT") and SCALE in candidate
+
+
+def marked_objects(mark: str) -> list[Object]:
+    """Return the objects of this file that have a custom property."""
+    return [candidate for candidate in bpy.data.objects if mark in candidate and candidate.library is None]
+
+
+def remove_marked(mark: str) -> None:
+    """Remove the objects with a custom property, and their meshes where nothing else has them."""
+    marked = marked_objects(mark)
+    meshes = {candidate.data for candidate in marked if candidate.type == "MESH"}
+    for candidate in marked:
+        bpy.data.objects.remove(candidate)
+    for mesh in meshes:
+        if mesh.users == 0:
+            bpy.data.meshes.remove(mesh)

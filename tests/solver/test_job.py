@@ -114,6 +114,7 @@ def test_progress_rises_and_previews_come_nearer(job: Job) -> None:
     assert len(previews) > 1
     for preview in previews:
         assert preview.shape == arrays.vertices.shape
+        assert np.abs(preview - arrays.vertices).max() < 0.2
     off = [float(np.linalg.norm(preview - arrays.vertices)) for preview in previews]
     assert off[-1] < off[0]
     assert not list(job.folder.glob("preview_*"))

@@ -158,15 +158,15 @@ def test_what_a_run_shows_costs_little():
         lines.append(status.status_text(run) if run is not None else "")
         show(context, run)
 
-    yield from start_job(150, iterations=60, preview_kind="DRAWN")
+    yield from start_job(120, iterations=60, preview_kind="DRAWN")
     preview.show, status.show_status = slow_draw, noted_show
     try:
         yield from driver.wait_for(lambda: updates, 120.0, "preview")
         lines.clear()
         began = time.monotonic()
-        yield from driver.wait_for(lambda: len(updates) > 2, 30.0, "third preview")
+        yield 4.0
         passed = time.monotonic() - began
-        assert updates[2] - updates[1] > 0.3 * driver.module("operators.live_preview").REST
+        assert len(updates) == 1
         assert 1 <= len(lines) <= 1 + passed / status.SECONDS_BETWEEN_LOOKS
         assert len(set(lines)) == len(lines)
         assert driver.running() is not None

@@ -4,8 +4,6 @@ While the bunny's number of vertices is being solved, the 95th percentile of the
 window's, and no tick takes more than 150 ms, whatever the idle window does.  The source is drawn as a box, since
 how fast Blender draws a large mesh by software is not what is measured; the surface being solved is drawn whole.
 
-Where even the idle window is so slow that 1.5 times its 95th percentile exceeds 150 ms, a round that fails says little
-of the solver, and is repeated up to four times; the bounds stay what they are.
 With `--shared-machine`, as in CI, one round of three has to pass, and the longest tick may be 1.5 times as
 long as the idle window's.
 """
@@ -31,7 +29,7 @@ FACTOR = 1.5
 LARGEST = 150.0
 """Milliseconds."""
 
-ROUNDS = 3 if driver.SHARED_MACHINE else 5
+ROUNDS = 3 if driver.SHARED_MACHINE else 1
 
 ticks: list[float] = []
 
@@ -137,17 +135,8 @@ class Round:
         """Whether the solver holds the window up for no longer than it may."""
         idle = max(self.before.largest, self.after.largest)
         largest = max(LARGEST, FACTOR * idle) if driver.SHARED_MACHINE else LARGEST
-        return self.solving.high <= self.high and self.solving.largest <= largest
-
-    @property
-    def high(self) -> float:
-        """What the 95th percentile may be."""
-        return FACTOR * max(self.before.high, self.after.high)
-
-    @property
-    def slow_idle(self) -> bool:
-        """Whether the idle window takes so long that the two bounds contradict each other."""
-        return self.high > LARGEST
+        high = FACTOR * max(self.before.high, self.after.high)
+        return self.solving.high <= high and self.solving.largest <= largest
 
 
 def measure_round() -> driver.Steps:
@@ -169,7 +158,7 @@ def test_redraws_go_on_while_the_solver_works():
     yield 1.0
     for _ in range(ROUNDS):
         measured = yield from measure_round()
-        if measured.passes or not (driver.SHARED_MACHINE or measured.slow_idle):
+        if measured.passes:
             break
     print(f"the operator's own steps: {len(spent)}, at most {max(spent):.0f} ms of processor time")
     assert max(spent) < 50.0
