@@ -51,12 +51,14 @@ _shader: Any = None
 
 
 def show(source: Source, positions: NDArray[np.float64], colours: NDArray[np.float32]) -> None:
-    """Draw the surface at positions (V, 3) in the frame of `source.arrays`, with linear colours (V, 4)."""
+    """Draw the surface at positions (V, 3) in the frame of `source.arrays`, with linear colours (V, 4).
+
+    It is seen when Blender next draws a viewport, for which it is not asked here.
+    """
     global _handle
     _drawn[source.session_uid] = _upload(source.lengths.to_local(positions), colours, source.arrays.triangles)
     if _handle is None:
         _handle = SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
-    redraw_regions(bpy.context, "WINDOW")
 
 
 def discard(session_uid: int) -> None:

@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 import bpy
+import gpu
 import numpy as np
 from bpy.types import Context, Scene, SpaceView3D
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from . import drawn_preview, early_object
 from .colour_ramp import ColourScale
 from .heat_map import colour_scale, shown_tolerance
+from .status import redraw_regions
 
 if TYPE_CHECKING:
     from .mesh_data import Source
@@ -31,7 +33,7 @@ QUICK = 1.0 / 30.0
 """Seconds: where a window with a drawing takes less, an object can be afforded, for which viewports are drawn often."""
 
 SLOW = 0.1
-"""Seconds: where an object takes more after all, the surface is drawn for the rest of the run."""
+"""Seconds: where an object takes more after all, the surface is drawn; where a drawing does, none is asked for."""
 
 
 class LivePreview:
@@ -40,12 +42,16 @@ class LivePreview:
     Parameters
     ----------
     kind
-        "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has turned out to draw quickly.
+        "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has turned out to draw quickly.  Where it draws
+        slowly, by software in particular, it is not asked to: a drawing is seen when it draws for another reason.
     """
 
     def __init__(self, kind: str) -> None:
         self._as_object = kind == "OBJECT"
         self._automatic = kind == "AUTOMATIC"
+        self._objects_are_slow = False
+        self._asks_for_drawing = not (self._automatic and draws_by_software())
+        self._has_drawn = False
         self._newest: tuple[Source, NDArray[np.float64]] | None = None
         self._shown = False
         self._next = 0.0
@@ -78,7 +84,11 @@ class LivePreview:
             drawn_preview.discard(source.session_uid)
         else:
             drawn_preview.show(source, positions, scale.colours(error))
-        self._rest(began)
+            if not self._asks_for_drawing:
+                self._rest(began)
+                return
+            redraw_regions(context, "WINDOW")
+        self._rest_once_drawn(began)
 
     def clear(self) -> None:
         """Take back all that is shown."""
@@ -97,15 +107,21 @@ class LivePreview:
             return colour_scale(scene, error)
         return ColourScale(0.0, usual, shown_tolerance(scene))
 
-    def _rest(self, began: float) -> None:
-        """Keep previews to a small share of the window's time, however long they take to draw on this machine."""
+    def _rest(self, began: float) -> float:
+        """Keep previews to a small share of the window's time; returns how long this one took until now."""
+        took = time.monotonic() - began
+        self._next = began + (1.0 + REST) * took
+        return took
+
+    def _rest_once_drawn(self, began: float) -> None:
+        """Count the time until the window is drawn as the preview's, too, however long that is on this machine."""
 
         def drawn() -> float | None:
-            took = time.monotonic() - began
-            if self._to_be_drawn and took < NO_VIEWPORT:
+            if self._to_be_drawn and time.monotonic() - began < NO_VIEWPORT:
                 return 0.0
-            self._next = began + (1.0 + REST) * took
-            self._choose(took)
+            took = self._rest(began)
+            if not self._to_be_drawn:
+                self._choose(took)
             return None
 
         self._next = math.inf
@@ -119,11 +135,21 @@ class LivePreview:
         self._to_be_drawn = False
 
     def _choose(self, seconds: float) -> None:
-        """Choose what to show next by how long the last preview held the window up."""
+        """Choose how to show what comes next by how long the last preview held the window up."""
         if not self._automatic:
             return
-        if self._as_object and seconds > SLOW:
-            self._as_object = self._automatic = False
-            early_object.remove_all()
-        elif seconds < QUICK:
+        if self._as_object:
+            if seconds > SLOW:
+                self._as_object, self._objects_are_slow = False, True
+                early_object.remove_all()
+            return
+        first, self._has_drawn = not self._has_drawn, True  # Blender may have compiled the shader for the first one
+        if seconds > SLOW and not first:
+            self._asks_for_drawing = False
+        elif seconds < QUICK and not self._objects_are_slow:
             self._as_object = True
+
+
+def draws_by_software() -> bool:
+    """Whether Blender has no graphics card here: one picture of a viewport takes a tenth of a second or more."""
+    return str(gpu.platform.device_type_get()) == "SOFTWARE"

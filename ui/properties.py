@@ -218,7 +218,12 @@ class SparseSurfaceSettings(PropertyGroup):
         name="Shown As",
         description="How the surface is shown while it is being solved",
         items=(
-            ("AUTOMATIC", "Automatic", "As the result object where Blender draws quickly here, else as a drawing"),
+            (
+                "AUTOMATIC",
+                "Automatic",
+                "As the result object where Blender draws quickly here, else as a drawing. "
+                "Without a graphics card the drawing is seen only when the viewport is drawn anyway",
+            ),
             ("OBJECT", "Object", "As the result object, from early on. Without a graphics card it makes Blender slow"),
             ("DRAWN", "Drawing", "Drawn over the source in the colours of its distance; the object comes at the end"),
         ),

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from bl_ext.user_default.sparse_surface.operators import mesh_data
 from bl_ext.user_default.sparse_surface.solver import Settings, approximate
 from mathutils import Euler, Matrix
 
@@ -47,6 +48,24 @@ def test_result_is_the_solvers_own():
     assert np.array_equal(scenes.values(made.data, "patch"), expected.patch)
     assert np.array_equal(scenes.values(made.data, "domain_stretch"), expected.domain_stretch.astype(np.float32))
     assert np.array_equal(scenes.positions(mesh), before)
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_polygons_are_read_as_blender_lists_them(mode: str):
+    """Triangles, quads and larger ones; in Edit Mode a mesh has no attributes to copy."""
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 1), (2, 1, 1), (3, 0.5, 1), (-1, 0.5, 1)]
+    faces = [[0, 1, 2, 3], [1, 4, 6, 5, 2], [3, 7, 0]]
+    mesh = scenes.mesh_object("Mixed", points, faces).data
+    bpy.ops.object.mode_set(mode=mode)
+    try:
+        arrays = mesh_data.read_mesh(mesh)
+        mesh.calc_loop_triangles()
+        assert arrays.corners.tolist() == sum(faces, [])
+        assert arrays.sizes.tolist() == [4, 5, 3]
+        assert arrays.triangles.tolist() == [list(each.vertices) for each in mesh.loop_triangles]
+        assert arrays.triangle_polygons.tolist() == [each.polygon_index for each in mesh.loop_triangles]
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def test_errors_are_those_of_the_stored_positions():

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -133,6 +135,7 @@ def test_a_machine_that_draws_slowly_gets_a_drawing(monkeypatch):
     handle = bpy.types.SpaceView3D.draw_handler_add(slow_draw, (), "WINDOW", "POST_PIXEL")
     try:
         monkeypatch(driver.module("operators.live_preview"), "REST", 0.0)
+        monkeypatch(driver.module("operators.live_preview"), "draws_by_software", lambda: False)
         yield from start_job(60, iterations=60)
         yield from driver.wait_for(driver.drawn_objects, 120.0, "drawing")
         while driver.running() is not None:
@@ -140,6 +143,79 @@ def test_a_machine_that_draws_slowly_gets_a_drawing(monkeypatch):
             yield 0.02
     finally:
         bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+
+
+@contextmanager
+def noted_drawings() -> Iterator[list[float]]:
+    """Note when Blender draws the viewport."""
+    drawings: list[float] = []
+    handle = bpy.types.SpaceView3D.draw_handler_add(
+        lambda: drawings.append(time.monotonic()), (), "WINDOW", "POST_PIXEL"
+    )
+    try:
+        yield drawings
+    finally:
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+
+
+def noted_previews(monkeypatch) -> list[float]:
+    """Note when a preview is ready to be drawn."""
+    drawn = driver.module("operators.drawn_preview")
+    show, previews = drawn.show, []
+
+    def noted_show(*arguments):
+        previews.append(time.monotonic())
+        show(*arguments)
+
+    monkeypatch(drawn, "show", noted_show)
+    return previews
+
+
+def test_blender_is_not_asked_to_draw_by_software(monkeypatch):
+    """What is solved is seen when the viewport is drawn for another reason, such as a turned view."""
+    monkeypatch(driver.module("operators.live_preview"), "draws_by_software", lambda: True)
+    previews = noted_previews(monkeypatch)
+    with noted_drawings() as drawings:
+        yield from start_job(180, iterations=60)
+        yield from driver.wait_for(driver.drawn_objects, 120.0, "preview")
+        yield 0.5
+        drawings.clear()
+        previews.clear()
+        yield 3.0
+        assert driver.running() is not None
+        assert not drawings
+        assert len(previews) > 1
+        view = driver.viewport().spaces.active.region_3d
+        view.view_distance, far = 5.0, view.view_distance
+        yield 0.5
+        assert drawings
+    seen = driver.coloured_pixels("job_preview_not_asked_for")
+    view.view_distance = far
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
+    assert seen > 5000, seen
+
+
+def test_blender_is_asked_to_draw_no_more_where_it_turned_out_to_be_slow(monkeypatch):
+    preview = driver.module("operators.live_preview")
+    for name, value in (("REST", 0.0), ("QUICK", 0.0), ("draws_by_software", lambda: False)):
+        monkeypatch(preview, name, value)
+    previews = noted_previews(monkeypatch)
+    for slow, asked in ((1000.0, True), (0.0, False)):
+        monkeypatch(preview, "SLOW", slow)
+        with noted_drawings() as drawings:
+            yield from start_job(180, iterations=60)
+            previews.clear()
+            yield from driver.wait_for(lambda: len(previews) > 2, 120.0, "three previews")
+            yield 0.5
+            drawings.clear()
+            previews.clear()
+            yield 3.0
+            assert driver.running() is not None
+            assert len(previews) > 1
+            assert bool(drawings) == asked
+            driver.press("ESC")
+            yield from assert_nothing_left({"Creased"})
 
 
 def test_what_a_run_shows_costs_little():
@@ -256,7 +332,7 @@ def test_the_early_object_becomes_the_result_in_one_undo_step():
 def test_an_object_is_shown_where_blender_draws_quickly(monkeypatch):
     """And no longer where it turns out to be slow."""
     preview = driver.module("operators.live_preview")
-    for name, value in (("REST", 0.0), ("QUICK", 1000.0), ("SLOW", 1000.0)):
+    for name, value in (("REST", 0.0), ("QUICK", 1000.0), ("SLOW", 1000.0), ("draws_by_software", lambda: False)):
         monkeypatch(preview, name, value)
     yield from start_job(120, iterations=60)
     yield from driver.wait_for(driver.drawn_objects, 120.0, "drawing")

@@ -1,11 +1,14 @@
-"""Blender stays usable while the solver works: the redraw tick, side by side with that of the idle window.
+"""Blender stays usable while the solver works: the window's tick, side by side with that of the idle window.
 
-While the bunny's number of vertices is being solved, the 95th percentile of the tick stays within 1.5 times the idle
-window's, and no tick takes more than 150 ms, whatever the idle window does.  The source is drawn as a box, since
-how fast Blender draws a large mesh by software is not what is measured; the surface being solved is drawn whole.
+The tick is a modal timer that redraws sixty times a second.  The window's own redraws the sidebar: while the bunny's
+number of vertices is being solved, from the button to the middle of the run, the 95th percentile of the tick stays
+within 1.5 times the idle window's, and no tick takes more than 150 ms, whatever the idle window does.
 
-With `--shared-machine`, as in CI, one round of three has to pass, and the longest tick may be 1.5 times as
-long as the idle window's.
+The other tick draws the 3D viewport anew each time, as for a user who turns the view.  By software that alone takes 90
+to 170 ms with no solver running, a GPU's work and not the add-on's: so the longest tick is held to 1.5 times the idle
+window's where that is more than 150 ms.  The source is drawn as a box in it; the surface being solved is drawn whole.
+
+With `--shared-machine`, as in CI, one round of three has to pass.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,10 +39,12 @@ ticks: list[float] = []
 
 
 class TEST_OT_tick(bpy.types.Operator):
-    """Redraws the viewport sixty times a second and notes when."""
+    """Redraws regions of the viewport's area sixty times a second and notes when."""
 
     bl_idname = "test.tick"
     bl_label = "Tick"
+
+    kind: bpy.props.StringProperty()
 
     end = 0.0
     rung = -1.0
@@ -58,7 +64,7 @@ class TEST_OT_tick(bpy.types.Operator):
         TEST_OT_tick.rung = self.timer.time_duration
         now = time.perf_counter()
         ticks.append(now)
-        driver.region("WINDOW").tag_redraw()
+        driver.region(self.kind).tag_redraw()
         if now < TEST_OT_tick.end:
             return {"PASS_THROUGH"}
         context.window_manager.event_timer_remove(self.timer)
@@ -77,16 +83,18 @@ class Figures:
         return f"{self.median:.0f} / {self.high:.0f} / {self.largest:.0f} ms (p50 / p95 / max)"
 
 
-def measure(name: str) -> driver.Steps:
-    """Return the `Figures` of the next seconds."""
+def measure(kind: str, name: str, begin: Callable[[], object] = lambda: None) -> driver.Steps:
+    """Return the `Figures` of the next seconds with a tick that redraws one kind of region; `begin` comes first."""
     import numpy as np
 
     with driver.in_viewport():
-        bpy.ops.test.tick("INVOKE_DEFAULT")
-    yield SECONDS + 1.0
+        bpy.ops.test.tick("INVOKE_DEFAULT", kind=kind)
+    yield 0.3
+    begin()
+    yield SECONDS + 0.7
     between = 1000.0 * np.diff(ticks)
     figures = Figures(*(float(value) for value in (*np.percentile(between, [50, 95]), between.max())))
-    print(f"redraw tick, {name}: {figures}; load of the machine {os.getloadavg()[0]:.1f}", flush=True)
+    print(f"redraw tick, {kind}, {name}: {figures}; load of the machine {os.getloadavg()[0]:.1f}", flush=True)
     return figures
 
 
@@ -105,16 +113,20 @@ def meter_steps(spent: list[float]) -> None:
     solving._step = metered
 
 
-def measure_solving() -> driver.Steps:
-    """Return the figures while the solver works."""
-    driver.approximate()
-    yield from driver.wait_for(driver.drawn_objects, 200.0, "preview")
-    figures = yield from measure("solving")
+def measure_solving(kind: str) -> driver.Steps:
+    """Return the figures while the solver works: from the button on, or with the surface drawn in every picture."""
+    if kind == "WINDOW":  # idle processes come to nothing while pictures are drawn by software on all cores
+        driver.approximate()
+        yield from driver.wait_for(driver.drawn_objects, 200.0, "preview")
+        figures = yield from measure(kind, "solving")
+    else:
+        figures = yield from measure(kind, "solving", driver.approximate)
+    assert driver.drawn_objects(), "no preview came"
     assert driver.running() is not None, "the job was over before the measurement"
     assert driver.children()
     if hasattr(os, "SCHED_IDLE"):
         assert {os.sched_getscheduler(child) for child in driver.children()} == {os.SCHED_IDLE}
-    driver.shot("responsiveness")
+    driver.shot(f"responsiveness_{kind.lower()}")
     # No key is pressed here: a Blender that takes simulated keys never sleeps, and an idle window has to be idle.
     with driver.in_viewport():
         bpy.ops.sparse_surface.cancel()
@@ -130,40 +142,50 @@ class Round:
     solving: Figures
     after: Figures
 
-    @property
-    def passes(self) -> bool:
+    def passes(self, whatever_idle_does: bool) -> bool:
         """Whether the solver holds the window up for no longer than it may."""
         idle = max(self.before.largest, self.after.largest)
-        largest = max(LARGEST, FACTOR * idle) if driver.SHARED_MACHINE else LARGEST
+        largest = LARGEST if whatever_idle_does else max(LARGEST, FACTOR * idle)
         high = FACTOR * max(self.before.high, self.after.high)
         return self.solving.high <= high and self.solving.largest <= largest
 
 
-def measure_round() -> driver.Steps:
+def measure_round(kind: str) -> driver.Steps:
     """Return a `Round`."""
-    before = yield from measure("idle")
-    solving = yield from measure_solving()
-    after = yield from measure("idle")
+    before = yield from measure(kind, "idle")
+    solving = yield from measure_solving(kind)
+    after = yield from measure(kind, "idle")
     return Round(before, solving, after)
 
 
-def test_redraws_go_on_while_the_solver_works():
-    bpy.utils.register_class(TEST_OT_tick)
+def check_tick(kind: str, *, whatever_idle_does: bool) -> driver.Steps:
+    """Hold the tick to its bounds, and the operator's own steps to theirs."""
     driver.clear_scene()
     bpy.context.scene.sparse_surface.iterations = 30
-    driver.add_creased_grid(SIZE).display_type = "BOUNDS"
+    sheet = driver.add_creased_grid(SIZE)
+    if kind == "WINDOW":
+        sheet.display_type = "BOUNDS"
     yield from driver.open_sidebar()
     spent: list[float] = []
     meter_steps(spent)
     yield 1.0
     for _ in range(ROUNDS):
-        measured = yield from measure_round()
-        if measured.passes:
+        measured = yield from measure_round(kind)
+        if measured.passes(whatever_idle_does):
             break
     print(f"the operator's own steps: {len(spent)}, at most {max(spent):.0f} ms of processor time")
     assert max(spent) < 50.0
-    assert measured.passes, measured
+    assert measured.passes(whatever_idle_does), measured
+
+
+def test_the_window_goes_on_while_the_solver_works():
+    yield from check_tick("UI", whatever_idle_does=True)
+
+
+def test_the_viewport_is_drawn_while_the_solver_works():
+    yield from check_tick("WINDOW", whatever_idle_does=False)
 
 
 if __name__ == "__main__":
-    driver.run(test_redraws_go_on_while_the_solver_works)
+    bpy.utils.register_class(TEST_OT_tick)
+    driver.run(test_the_window_goes_on_while_the_solver_works, test_the_viewport_is_drawn_while_the_solver_works)

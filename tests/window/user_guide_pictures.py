@@ -27,6 +27,9 @@ def take_pictures() -> driver.Steps:
     yield from driver.open_sidebar()
     yield 0.5
     driver.shot("guide_panel")
+    bpy.context.scene.sparse_surface.preview_kind = "DRAWN"  # as Automatic does it with a graphics card
+    preview = driver.module("operators.live_preview")
+    preview.REST, rest = 5.0, preview.REST  # there are as many previews as where they are drawn quickly
     driver.approximate()
     yield from driver.wait_for(lambda: driver.running().progress, 120.0, "first word of the solver")
     yield from driver.wait_for(driver.drawn_objects, 60.0, "first look")
@@ -35,6 +38,7 @@ def take_pictures() -> driver.Steps:
     yield from driver.wait_for(lambda: driver.running().progress.fraction > 0.55, 300.0, "much of the work")
     yield 0.6
     driver.shot("guide_improving")
+    preview.REST = rest
     yield from driver.wait_for(lambda: driver.running() is None, 300.0, "result")
     with driver.in_viewport():
         bpy.ops.sparse_surface.show_heat_map()
