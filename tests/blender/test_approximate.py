@@ -60,7 +60,7 @@ def test_polygons_are_read_as_blender_lists_them(mode: str):
     try:
         arrays = mesh_data.read_mesh(mesh)
         mesh.calc_loop_triangles()
-        assert arrays.corners.tolist() == sum(faces, [])
+        assert arrays.corners.tolist() == [vertex for face in faces for vertex in face]
         assert arrays.sizes.tolist() == [4, 5, 3]
         assert arrays.triangles.tolist() == [list(each.vertices) for each in mesh.loop_triangles]
         assert arrays.triangle_polygons.tolist() == [each.polygon_index for each in mesh.loop_triangles]
