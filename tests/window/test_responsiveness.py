@@ -87,9 +87,7 @@ class Figures:
         return f"{self.median:.0f} / {self.high:.0f} / {self.largest:.0f} ms (p50 / p95 / max)"
 
 
-def measure(
-    kind: str, name: str, seconds: float = SECONDS, begin: Callable[[], object] = lambda: None
-) -> driver.Steps:
+def measure(kind: str, name: str, seconds: float = SECONDS, begin: Callable[[], object] = lambda: None) -> driver.Steps:
     """Return the `Figures` of the next seconds with a tick that redraws one kind of region; `begin` comes first."""
     import numpy as np
 
