@@ -14,8 +14,8 @@ import numpy as np
 from bpy.types import Context, Object, RegionView3D, Space, SpaceView3D
 from numpy.typing import NDArray
 
-from .mesh_data import find_object, is_shown_in
-from .status import redraw_regions
+from .mesh_data import find_object
+from .viewports import is_shown_in, redraw_regions
 
 if TYPE_CHECKING:
     from .mesh_data import Source

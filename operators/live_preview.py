@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import drawn_preview, early_object
 from .colour_ramp import ColourScale
 from .heat_map import colour_scale, shown_tolerance
-from .status import redraw_regions
+from .viewports import redraw_regions
 
 if TYPE_CHECKING:
     from .mesh_data import Source

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import bpy
 import numpy as np
-from bpy.types import Collection, Context, Depsgraph, Mesh, Object, SpaceView3D
+from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 from numpy.typing import NDArray
 
 from ..solver.errors import InputError
@@ -28,6 +28,7 @@ from .result_object import (
     result_name,
 )
 from .sharp_edges import mark_sharp
+from .viewports import join_local_views
 
 # Layers of every result: name, type, domain, and how values are handed to `foreach_set`.
 _LAYERS = (
@@ -430,19 +431,7 @@ def link_beside(made: Object, beside: Object, context: Context) -> None:
     editable: list[Collection] = [c for c in beside.users_collection if c.is_editable]
     for collection in editable or [context.scene.collection]:
         collection.objects.link(made)
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                view = area.spaces.active
-                if view.local_view is not None and is_shown_in(view, beside, context):
-                    made.local_view_set(view, True)
-
-
-def is_shown_in(view: SpaceView3D, placed: Object, context: Context) -> bool:
-    """Whether a viewport shows an object: neither it nor its collection is hidden, and it is in the local view."""
-    depsgraph = context.view_layer.depsgraph
-    # Blender 4 knows it of evaluated objects only.
-    return depsgraph is not None and bool(placed.evaluated_get(depsgraph).visible_in_viewport_get(view))
+    join_local_views(made, beside, context)
 
 
 def place_like(made: Object, model: Object) -> None:

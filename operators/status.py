@@ -9,6 +9,8 @@ import bpy
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context
 
+from .viewports import redraw_regions
+
 if TYPE_CHECKING:
     from .running import Run
 
@@ -83,13 +85,3 @@ def settle_sidebars() -> None:
 def redraw_progress(context: Context) -> None:
     """Redraw the sidebars of the 3D viewports and nothing else: a viewport may be costly."""
     redraw_regions(context, "UI")
-
-
-def redraw_regions(context: Context, kind: str) -> None:
-    """Redraw the regions of this type, such as "UI" or "WINDOW", of all 3D viewports."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == kind:
-                        region.tag_redraw()

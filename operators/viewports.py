@@ -1,0 +1,38 @@
+"""The 3D viewports of all windows: what they show, and that they are drawn anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bpy.types import Area, Context, Object, SpaceView3D
+
+
+def viewports(context: Context) -> Iterator[Area]:
+    """Iterate over the areas that are 3D viewports."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                yield area
+
+
+def redraw_regions(context: Context, kind: str) -> None:
+    """Redraw the regions of this type, such as "UI" or "WINDOW", of all 3D viewports."""
+    for area in viewports(context):
+        for region in area.regions:
+            if region.type == kind:
+                region.tag_redraw()
+
+
+def is_shown_in(view: SpaceView3D, placed: Object, context: Context) -> bool:
+    """Whether a viewport shows an object: neither it nor its collection is hidden, and it is in the local view."""
+    depsgraph = context.view_layer.depsgraph
+    # Blender 4 knows it of evaluated objects only.
+    return depsgraph is not None and bool(placed.evaluated_get(depsgraph).visible_in_viewport_get(view))
+
+
+def join_local_views(made: Object, beside: Object, context: Context) -> None:
+    """Have an object in each local view that shows another."""
+    for area in viewports(context):
+        view = area.spaces.active
+        if view.local_view is not None and is_shown_in(view, beside, context):
+            made.local_view_set(view, True)
