@@ -177,14 +177,10 @@ def read_mesh(
     """Copy a mesh into arrays, its positions stretched by `lengths`."""
     vertices = read_positions(mesh)
     corners, sizes = read_polygons(mesh)
-    mesh.calc_loop_triangles()
-    triangles = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
-    triangle_polygons = np.empty(len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangle_polygons.foreach_get("value", triangle_polygons)
+    triangles, triangle_polygons = read_triangles(mesh, corners, sizes)
     if lengths is not None:
         vertices = lengths.from_local(vertices)
-    return MeshArrays(vertices, corners, sizes, triangles.reshape(-1, 3), triangle_polygons, weights)
+    return MeshArrays(vertices, corners, sizes, triangles, triangle_polygons, weights)
 
 
 def read_positions(mesh: Mesh) -> NDArray[np.float32]:
@@ -212,6 +208,20 @@ def read_polygons(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     sizes = np.empty(len(mesh.polygons), dtype=np.int32)
     mesh.polygons.foreach_get("loop_total", sizes)
     return corners, sizes
+
+
+def read_triangles(
+    mesh: Mesh, corners: NDArray[np.int32], sizes: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the triangles that Blender cuts the polygons into, (T, 3), and the polygon of each, (T,)."""
+    if np.all(sizes == 3):  # nothing is cut, and Blender takes long to list the corners of triangles
+        return corners.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32)
+    mesh.calc_loop_triangles()
+    triangles = np.empty((len(mesh.loop_triangles), 3), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
+    polygons = np.empty(len(triangles), dtype=np.int32)
+    mesh.loop_triangle_polygons.foreach_get("value", polygons)
+    return triangles, polygons
 
 
 def _group_weights(source: Object, mesh: Mesh, name: str) -> NDArray[np.float32] | None:

@@ -51,17 +51,21 @@ def test_result_is_the_solvers_own():
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
-def test_polygons_are_read_as_blender_lists_them(mode: str):
-    """Triangles, quads and larger ones; in Edit Mode a mesh has no attributes to copy."""
+@pytest.mark.parametrize(
+    "faces",
+    [[[0, 1, 2, 3], [1, 4, 6, 5, 2], [3, 7, 0]], [[0, 1, 2], [2, 3, 0], [7, 0, 3]], []],
+    ids=["mixed", "triangles", "none"],
+)
+def test_polygons_are_read_as_blender_lists_them(faces: list[list[int]], mode: str):
+    """Triangles, quads and larger ones, or triangles alone; in Edit Mode a mesh has no attributes to copy."""
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 1), (2, 1, 1), (3, 0.5, 1), (-1, 0.5, 1)]
-    faces = [[0, 1, 2, 3], [1, 4, 6, 5, 2], [3, 7, 0]]
     mesh = scenes.mesh_object("Mixed", points, faces).data
     bpy.ops.object.mode_set(mode=mode)
     try:
         arrays = mesh_data.read_mesh(mesh)
         mesh.calc_loop_triangles()
         assert arrays.corners.tolist() == [vertex for face in faces for vertex in face]
-        assert arrays.sizes.tolist() == [4, 5, 3]
+        assert arrays.sizes.tolist() == [len(face) for face in faces]
         assert arrays.triangles.tolist() == [list(each.vertices) for each in mesh.loop_triangles]
         assert arrays.triangle_polygons.tolist() == [each.polygon_index for each in mesh.loop_triangles]
     finally:
