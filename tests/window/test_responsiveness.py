@@ -173,7 +173,7 @@ def check_tick(kind: str, *, whatever_idle_does: bool) -> driver.Steps:
     yield from driver.open_sidebar()
     spent: list[float] = []
     meter_steps(spent)
-    yield 1.0
+    yield 4.0  # until Blender has drawn all samples of the new object
     for _ in range(ROUNDS):
         measured = yield from measure_round(kind)
         if measured.passes(whatever_idle_does):
