@@ -62,6 +62,9 @@ def reason_against(context: Context) -> str:
     if context.mode != "OBJECT":
         return rpt_("Switch to Object Mode first")
     if not context.selected_objects:
+        active = context.view_layer.objects.active
+        if active is not None and not active.visible_get():  # Blender deselects what it hides
+            return rpt_("'{}' is hidden: show it first").format(active.name)
         return rpt_("Select a mesh")
     if not selected_meshes(context):
         return rpt_("The selected object is not a mesh; convert it first (Object > Convert > Mesh)")

@@ -13,6 +13,7 @@ _GERMAN = {
     "Approximation cancelled": "Annäherung abgebrochen",
     "Switch to Object Mode first": "Erst in den Objektmodus wechseln",
     "Select a mesh": "Ein Netz auswählen",
+    "'{}' is hidden: show it first": "„{}“ ist ausgeblendet: erst einblenden",
     "The mesh has no faces": "Das Netz hat keine Flächen",
     "Domain and Regularisation": "Gebiet und Regularisierung",
     "Sweeps and Blending": "Durchgänge und Überblendung",

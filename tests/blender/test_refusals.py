@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.approximate import reason_against
+from bl_ext.user_default.sparse_surface.operators.approximate import reason_against, selected_meshes
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -77,6 +77,27 @@ def test_outside_of_object_mode():
     assert "Object Mode" in refusal()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert reason_against(bpy.context) == ""
+
+
+def hide_in_view_layer(placed):
+    placed.hide_set(True)
+
+
+def hide_in_viewports(placed):
+    placed.hide_viewport = True
+
+
+@pytest.mark.parametrize("hide", [hide_in_view_layer, hide_in_viewports])
+def test_hidden_objects_are_left_alone_and_alone_they_are_refused(hide):
+    shown, hidden = scenes.creased_sheet(8, "Shown"), scenes.creased_sheet(8, "Hidden")
+    scenes.select(shown, hidden)
+    hide(hidden)
+    bpy.context.view_layer.update()
+    assert selected_meshes(bpy.context) == [shown]
+    shown.select_set(False)
+    assert "'Hidden' is hidden" in refusal()
+    bpy.context.view_layer.objects.active = shown
+    assert reason_against(bpy.context) == "Select a mesh"
 
 
 def test_a_missing_package_is_named(run_bpy):

@@ -8,7 +8,8 @@ The other tick draws the 3D viewport anew each time, as for a user who turns the
 to 170 ms with no solver running, a GPU's work and not the add-on's: so the longest tick is held to 1.5 times the idle
 window's where that is more than 150 ms.  The source is drawn as a box in it; the surface being solved is drawn whole.
 
-With `--shared-machine`, as in CI, one round of three has to pass.
+Of the viewport's tick one round of three has to pass: by software its longest differ by a quarter from round to round.
+With `--shared-machine`, as in CI, that holds for the window's own, too.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ FACTOR = 1.5
 LARGEST = 150.0
 """Milliseconds."""
 
-ROUNDS = 3 if driver.SHARED_MACHINE else 1
+ROUNDS = 3
 
 ticks: list[float] = []
 
@@ -163,7 +164,7 @@ def measure_round(kind: str) -> driver.Steps:
     return Round(before, solving, after)
 
 
-def check_tick(kind: str, *, whatever_idle_does: bool) -> driver.Steps:
+def check_tick(kind: str, *, whatever_idle_does: bool, rounds: int = ROUNDS) -> driver.Steps:
     """Hold the tick to its bounds, and the operator's own steps to theirs."""
     driver.clear_scene()
     bpy.context.scene.sparse_surface.iterations = 30
@@ -174,7 +175,7 @@ def check_tick(kind: str, *, whatever_idle_does: bool) -> driver.Steps:
     spent: list[float] = []
     meter_steps(spent)
     yield 4.0  # until Blender has drawn all samples of the new object
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         measured = yield from measure_round(kind)
         if measured.passes(whatever_idle_does):
             break
@@ -184,7 +185,7 @@ def check_tick(kind: str, *, whatever_idle_does: bool) -> driver.Steps:
 
 
 def test_the_window_goes_on_while_the_solver_works():
-    yield from check_tick("UI", whatever_idle_does=True)
+    yield from check_tick("UI", whatever_idle_does=True, rounds=ROUNDS if driver.SHARED_MACHINE else 1)
 
 
 def test_the_viewport_is_drawn_while_the_solver_works():
