@@ -213,6 +213,14 @@ def children() -> list[int]:
     return found
 
 
+def processor_seconds(child: int) -> float:
+    """Return how long a process has worked (where there is /proc), 0 where it has ended."""
+    with suppress(OSError):
+        user, system = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+    return 0.0
+
+
 def shot(name: str) -> None:
     """Take a picture of the window."""
     path = str(FOLDER / f"{name}.png")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
@@ -361,6 +362,19 @@ def test_the_result_joins_its_source_in_local_view():
     with driver.in_viewport():
         bpy.ops.view3d.localview()
     assert space.local_view is None
+
+
+def test_every_core_works():
+    """Up to four, since the sheet is not large; a process that waits uses none."""
+    yield from start_job(150, iterations=60)
+    yield from driver.wait_for(lambda: driver.running().progress.fraction > 0.1, 120.0, "work on patches")
+    before = {child: driver.processor_seconds(child) for child in driver.children()}
+    yield 2.0
+    assert driver.running() is not None
+    worked = [driver.processor_seconds(child) - seconds for child, seconds in before.items()]
+    assert sum(seconds > 0.3 for seconds in worked) >= min(len(os.sched_getaffinity(0)), 4), worked
+    driver.press("ESC")
+    yield from assert_nothing_left({"Creased"})
 
 
 def test_escape_ends_it():
