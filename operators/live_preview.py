@@ -33,7 +33,10 @@ QUICK = 1.0 / 30.0
 """Seconds: where a window with a drawing takes less, an object can be afforded, for which viewports are drawn often."""
 
 SLOW = 0.1
-"""Seconds: where an object takes more after all, the surface is drawn; where a drawing does, none is asked for."""
+"""Seconds: where an object takes more after all, the surface is drawn; where drawings do, none is asked for."""
+
+SLOW_IN_A_ROW = 2
+"""So many drawings are slow where drawing is: one may have had its shader compiled, or met something else."""
 
 
 class LivePreview:
@@ -51,7 +54,7 @@ class LivePreview:
         self._automatic = kind == "AUTOMATIC"
         self._objects_are_slow = False
         self._asks_for_drawing = not (self._automatic and draws_by_software())
-        self._has_drawn = False
+        self._slow_drawings = 0
         self._newest: tuple[Source, NDArray[np.float64]] | None = None
         self._shown = False
         self._next = 0.0
@@ -143,11 +146,9 @@ class LivePreview:
                 self._as_object, self._objects_are_slow = False, True
                 early_object.remove_all()
             return
-        first, self._has_drawn = not self._has_drawn, True  # Blender may have compiled the shader for the first one
-        if seconds > SLOW and not first:
-            self._asks_for_drawing = False
-        elif seconds < QUICK and not self._objects_are_slow:
-            self._as_object = True
+        self._slow_drawings = self._slow_drawings + 1 if seconds > SLOW else 0
+        self._asks_for_drawing = self._slow_drawings < SLOW_IN_A_ROW
+        self._as_object = seconds < QUICK and not self._objects_are_slow
 
 
 def draws_by_software() -> bool:

@@ -202,8 +202,9 @@ def test_blender_is_asked_to_draw_no_more_where_it_turned_out_to_be_slow(monkeyp
     for name, value in (("REST", 0.0), ("QUICK", 0.0), ("draws_by_software", lambda: False)):
         monkeypatch(preview, name, value)
     previews = noted_previews(monkeypatch)
-    for slow, asked in ((1000.0, True), (0.0, False)):
+    for slow, in_a_row, asked in ((1000.0, 2, True), (0.0, 2, False), (0.0, 1000, True)):
         monkeypatch(preview, "SLOW", slow)
+        monkeypatch(preview, "SLOW_IN_A_ROW", in_a_row)
         with noted_drawings() as drawings:
             yield from start_job(180, iterations=60)
             previews.clear()
