@@ -18,6 +18,7 @@ from .operators import (
     finish,
     inspect_patch,
     patch_colours,
+    preloading,
     reconstruct,
     resample,
     running,
@@ -71,6 +72,7 @@ def unregister() -> None:
     legend.unregister()
     early_object.unregister()
     running.unregister()
+    preloading.unregister()
     bpy.app.translations.unregister(__package__)
     bpy.utils.unregister_preset_path(PRESETS)
     del bpy.types.Scene.sparse_surface

@@ -7,7 +7,7 @@ from typing import Any
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout
 
-from ..operators import running
+from ..operators import preloading, running
 from ..operators.approximate import reason_against, selected_meshes
 from ..operators.copy_statistics import rows_of
 from ..operators.estimate import LARGE_MESH, estimate, vertex_count
@@ -57,6 +57,7 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         if running.current is not None:
             draw_progress(self.layout, running.current)
             return
+        preloading.preload()
         if missing_packages():
             draw_lines(self.layout, reason_against(context), "ERROR")
         elif running.notice:

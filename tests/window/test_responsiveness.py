@@ -182,6 +182,28 @@ def check_tick(kind: str, *, whatever_idle_does: bool) -> driver.Steps:
     assert measured.passes(whatever_idle_does), measured
 
 
+def test_the_button_waits_for_no_module():
+    """What a run needs is loaded while the panel is looked at; the first test, since it needs a new Blender."""
+
+    def loaded() -> set[str]:
+        return {name for name in sys.modules if name.startswith(driver.add_on())}
+
+    driver.clear_scene()
+    driver.add_creased_grid(60)
+    assert f"{driver.add_on()}.operators.mesh_data" not in loaded()
+    yield from driver.open_sidebar()
+    yield 1.0
+    before = loaded()
+    driver.approximate()
+    yield from driver.wait_for(lambda: driver.running() is None or driver.drawn_objects(), 60.0, "preview or result")
+    # What makes the result of it is loaded at the end.
+    assert driver.running() is not None, "no preview came"
+    assert loaded() == before
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.cancel()
+    yield 0.5
+
+
 def test_the_window_goes_on_while_the_solver_works():
     yield from check_tick("UI", whatever_idle_does=True)
 
@@ -192,4 +214,8 @@ def test_the_viewport_is_drawn_while_the_solver_works():
 
 if __name__ == "__main__":
     bpy.utils.register_class(TEST_OT_tick)
-    driver.run(test_the_window_goes_on_while_the_solver_works, test_the_viewport_is_drawn_while_the_solver_works)
+    driver.run(
+        test_the_button_waits_for_no_module,
+        test_the_window_goes_on_while_the_solver_works,
+        test_the_viewport_is_drawn_while_the_solver_works,
+    )
