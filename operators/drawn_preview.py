@@ -50,13 +50,15 @@ _handle: object | None = None
 _shader: Any = None
 
 
-def show(source: Source, positions: NDArray[np.float64], colours: NDArray[np.float32]) -> None:
-    """Draw the surface at positions (V, 3) in the frame of `source.arrays`, with linear colours (V, 4).
+def show(
+    source: Source, positions: NDArray[np.float64], colours: NDArray[np.float32], triangles: NDArray[np.int64]
+) -> None:
+    """Draw triangles (S, 3) of positions (W, 3) in the frame of `source.arrays`, with linear colours (W, 4).
 
     It is seen when Blender next draws a viewport, for which it is not asked here.
     """
     global _handle
-    _drawn[source.session_uid] = _upload(source.lengths.to_local(positions), colours, source.arrays.triangles)
+    _drawn[source.session_uid] = _upload(source.lengths.to_local(positions), colours, triangles)
     if _handle is None:
         _handle = SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
@@ -111,7 +113,7 @@ def _is_wanted(placed: Object, view: Space | None, context: Context) -> bool:
     return isinstance(view, SpaceView3D) and placed.mode == "OBJECT" and is_shown_in(view, placed, context)
 
 
-def _upload(positions: NDArray[np.float32], colours: NDArray[np.floating[Any]], triangles: NDArray[np.int32]) -> Any:
+def _upload(positions: NDArray[np.float32], colours: NDArray[np.floating[Any]], triangles: NDArray[np.int64]) -> Any:
     layout = gpu.types.GPUVertFormat()
     layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
     layout.attr_add(id="color", comp_type="F32", len=4, fetch_mode="FLOAT")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import drawn_preview, early_object
 from .colour_ramp import ColourScale
+from .drawn_part import DrawnPart
 from .heat_map import colour_scale, shown_tolerance
 from .viewports import redraw_regions
 
@@ -35,6 +36,10 @@ QUICK = 1.0 / 30.0
 SLOW = 0.1
 """Seconds: where an object takes more after all, the surface is drawn; where drawings do, none is asked for."""
 
+MOST_TRIANGLES = 200_000
+MOST_BY_SOFTWARE = 20_000
+"""A drawing has no more than so many triangles: more take longer in every picture and show little more in it."""
+
 SLOW_IN_A_ROW = 2
 """So many drawings are slow where drawing is: one may have had its shader compiled, or met something else."""
 
@@ -53,7 +58,10 @@ class LivePreview:
         self._as_object = kind == "OBJECT"
         self._automatic = kind == "AUTOMATIC"
         self._objects_are_slow = False
-        self._asks_for_drawing = not (self._automatic and draws_by_software())
+        by_software = draws_by_software()
+        self._asks_for_drawing = not (self._automatic and by_software)
+        self._most_triangles = MOST_BY_SOFTWARE if by_software else MOST_TRIANGLES
+        self._parts: dict[int, DrawnPart] = {}
         self._slow_drawings = 0
         self._newest: tuple[Source, NDArray[np.float64]] | None = None
         self._shown = False
@@ -74,24 +82,39 @@ class LivePreview:
             return False
         if self._newest is None or self._shown or time.monotonic() < self._next:
             return False
+        source, positions = self._newest
+        if not (self._as_object or self._part(source).ready):
+            return False
         self._shown = True
-        self._show(*self._newest, context)
+        began = time.monotonic()
+        if self._as_object:
+            self._show_object(source, positions, context)
+        else:
+            self._draw(source, self._part(source), positions, context)
+        if self._as_object or self._asks_for_drawing:
+            self._rest_once_drawn(began)
+        else:
+            self._rest(began)
         return True
 
-    def _show(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
-        began = time.monotonic()
+    def _show_object(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
         error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
+        early_object.show(source, positions, error, self._scale(context.scene, source, error), context)
+        drawn_preview.discard(source.session_uid)
+
+    def _draw(self, source: Source, part: DrawnPart, positions: NDArray[np.float64], context: Context) -> None:
+        drawn = positions[part.vertices]
+        error = np.linalg.norm(drawn - source.arrays.vertices[part.vertices], axis=1)
         scale = self._scale(context.scene, source, error)
-        if self._as_object:
-            early_object.show(source, positions, error, scale, context)
-            drawn_preview.discard(source.session_uid)
-        else:
-            drawn_preview.show(source, positions, scale.colours(error))
-            if not self._asks_for_drawing:
-                self._rest(began)
-                return
+        drawn_preview.show(source, drawn, scale.colours(error), part.triangles)
+        if self._asks_for_drawing:
             redraw_regions(context, "WINDOW")
-        self._rest_once_drawn(began)
+
+    def _part(self, source: Source) -> DrawnPart:
+        """Return what is drawn of a source; it is looked for from the first call on."""
+        if source.session_uid not in self._parts:
+            self._parts[source.session_uid] = DrawnPart(source.arrays, self._most_triangles)
+        return self._parts[source.session_uid]
 
     def clear(self) -> None:
         """Take back all that is shown."""

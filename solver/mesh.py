@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from .errors import InputError
 from .ragged import offsets_of
-from .triangulation import triangulate
+from .triangulation import triangle_areas, triangulate
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -183,12 +183,6 @@ def build_mesh(
         triples, polygon = _checked_triangulation(triangles, len(points), len(offsets) - 1)
     _refuse_without_area(points, triples)
     return _with_topology(points, triples, polygon, offsets, corners)
-
-
-def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
-    """Return the area of each triangle, (T,), in squared scene units."""
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 # ---------------------------------------------------------------------------------------------------- checking input

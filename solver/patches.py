@@ -16,8 +16,9 @@ from scipy.sparse import csr_array
 
 from .cover import build_cover
 from .disks import Disks, held_nodes, largest_disks, row_chunks
-from .mesh import TriangleMesh, solve_winding, triangle_areas
+from .mesh import TriangleMesh, solve_winding
 from .ragged import offsets_of, row_positions
+from .triangulation import triangle_areas
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -49,6 +49,12 @@ def triangulate(points: Floats, corners: Integers, offsets: Integers) -> tuple[I
     return np.concatenate(parts)[order], polygon[order]
 
 
+def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
+    """Return the area of each triangle, (T,), in squared scene units."""
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
 def _without_repeats(corners: Integers, offsets: Integers) -> tuple[Integers, Integers]:
     previous = np.roll(corners, 1)
     previous[offsets[:-1]] = corners[offsets[1:] - 1]

@@ -10,9 +10,10 @@ from sparse_surface.solver.adaptive import with_domains
 from sparse_surface.solver.boundary import boundary_loops
 from sparse_surface.solver.cover import build_cover
 from sparse_surface.solver.initial_domains import METHODS, domain_quality, initial_domains, solve_initial_domains
-from sparse_surface.solver.mesh import TriangleMesh, build_mesh, triangle_areas
+from sparse_surface.solver.mesh import TriangleMesh, build_mesh
 from sparse_surface.solver.patches import Patches, build_patches
 from sparse_surface.solver.settings import Settings
+from sparse_surface.solver.triangulation import triangle_areas
 
 
 def patches_of(mesh: TriangleMesh, ring: int = 7) -> Patches:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from sparse_surface.solver import models
 from sparse_surface.solver.errors import InputError
-from sparse_surface.solver.mesh import TriangleMesh, build_mesh, triangle_areas
-from sparse_surface.solver.triangulation import clip_ears, triangulate
+from sparse_surface.solver.mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.triangulation import clip_ears, triangle_areas, triangulate
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 

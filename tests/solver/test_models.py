@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.solver import models
-from sparse_surface.solver.mesh import build_mesh, triangle_areas
+from sparse_surface.solver.mesh import build_mesh
+from sparse_surface.solver.triangulation import triangle_areas
 
 CLOSED = {
     models.cube: 1.0,

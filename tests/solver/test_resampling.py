@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.mesh import triangle_areas
 from sparse_surface.solver.models import cube, moebius, tetrahedron
 from sparse_surface.solver.resampling import Resampled, resample, resample_steps
+from sparse_surface.solver.triangulation import triangle_areas
 
 Array = NDArray[np.float64]
 Faces = list[list[int]]

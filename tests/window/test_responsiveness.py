@@ -4,7 +4,7 @@ A tick is a modal timer that redraws sixty times a second.  While the bunny's nu
 95th percentile stays within 1.5 times the idle window's, and none takes more than 150 ms, whatever the idle window
 does.  The window's own tick redraws the sidebar, from the press of the button to the middle of the run.  The viewport's
 draws the whole 3D viewport anew, as for a user who turns the view; the source is drawn as a box in it, since how fast
-Blender draws a large mesh by software is not what is measured, and the surface being solved is drawn whole.
+Blender draws a large mesh by software is not what is measured, and the surface being solved is drawn as it always is.
 
 With `--shared-machine`, as in CI, one round of three has to pass, and the viewport's longest tick may be 1.5 times as
 long as the idle window's.

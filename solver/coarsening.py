@@ -1,0 +1,85 @@
+"""Fewer triangles for a picture of a mesh: vertex clustering.
+
+Space is divided into equal cubes, of the vertices in one cube the one nearest to their mean is kept, and of the
+triangles those that still have three different corners (J. Rossignac, P. Borrel, "Multi-resolution 3D approximations
+for rendering complex scenes", 1993).  It is quick and keeps places, not topology: what is solved never sees it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .triangulation import triangle_areas
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MARGIN = 1.05
+"""By so much more than seems needed a cube grows, in length, where there are too many triangles still."""
+
+
+def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integers, Integers]:
+    """Return a coarser mesh on some of the vertices.
+
+    Parameters
+    ----------
+    vertices
+        Positions, (V, 3), scene units.
+    triangles
+        Corners, (T, 3).
+    most
+        How many triangles there may be; with no more than that the mesh stays as it is.
+
+    Returns
+    -------
+    kept : (W,) integers
+        The vertices that are kept, in ascending order.
+    coarse : (S, 3) integers
+        Triangles on the kept vertices, each once and turned as in the mesh; none where the mesh has no area.
+    """
+    corners = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
+    places = np.asarray(vertices, dtype=np.float64)
+    if len(corners) <= most:
+        return np.arange(len(places)), corners
+    area = float(triangle_areas(places, corners).sum())
+    # A surface passes through about one cube for each face of a cube that it could cover, with two triangles.
+    side = np.sqrt(2.0 * area / most)
+    while side > 0.0:
+        kept, cluster = _clusters(places, side)
+        coarse = _each_once(cluster[corners])
+        if len(coarse) <= most:
+            return kept, coarse
+        side *= MARGIN * np.sqrt(len(coarse) / most)
+    return np.arange(0), corners[:0]
+
+
+def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:
+    """Return the vertex of each occupied cube that is nearest to the mean there, (W,), and the cube's row, (V,)."""
+    cubes = np.floor((places - places.min(axis=0)) / side).astype(np.int64)
+    _, cluster = np.unique(_one_number(cubes), return_inverse=True)
+    size = np.bincount(cluster)
+    mean = np.stack([np.bincount(cluster, weights=axis) / size for axis in places.T], axis=1)
+    distance = np.linalg.norm(places - mean[cluster], axis=1)
+    nearest = np.lexsort((distance, cluster))[np.cumsum(size) - size]
+    row = np.empty(len(nearest), dtype=np.int64)
+    row[np.argsort(nearest)] = np.arange(len(nearest))
+    return np.sort(nearest), row[cluster]
+
+
+def _each_once(corners: Integers) -> Integers:
+    """Return the triangles with three different corners, each once in whatever order its corners are, (S, 3)."""
+    ordered = np.sort(corners, axis=1)
+    proper = (ordered[:, 0] < ordered[:, 1]) & (ordered[:, 1] < ordered[:, 2])
+    _, first = np.unique(_one_number(ordered[proper]), return_index=True)
+    return corners[proper][np.sort(first)]
+
+
+def _one_number(rows: Integers) -> Integers:
+    """Return one number for each row of three that are not negative, (n,): the same for the same rows only."""
+    if not len(rows):
+        return np.arange(0)
+    widths = [int(width) for width in rows.max(axis=0) + 1]
+    if widths[0] * widths[1] * widths[2] >= 2**63:
+        return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+    return (rows[:, 0] * widths[1] + rows[:, 1]) * widths[2] + rows[:, 2]
