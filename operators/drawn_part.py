@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 class DrawnPart:
     """Some of a mesh's vertices, and triangles on them.
 
-    They are found in a thread where that takes time: NumPy lets Blender go on while it works.
+    They are found in a thread where that takes time: NumPy lets Blender go on while it works.  Quitting waits for it,
+    for about a second and a half with a million vertices; a thread that Python ends in mid-work can bring Blender down.
 
     Attributes
     ----------
@@ -41,7 +42,7 @@ class DrawnPart:
         if len(arrays.triangles) <= most:
             self._find(arrays, most)
         else:
-            Thread(target=self._find, args=(arrays, most), daemon=True).start()
+            Thread(target=self._find, args=(arrays, most)).start()
 
     def _find(self, arrays: MeshArrays, most: int) -> None:
         self.vertices, self.triangles = coarsen(arrays.vertices, arrays.triangles, most)

@@ -15,6 +15,9 @@ from .triangulation import triangle_areas
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+SAMPLE = 100_000
+"""From so many triangles the area is estimated, for which the memory of a large mesh is not walked through."""
+
 MARGIN = 1.05
 """By so much more than seems needed a cube grows, in length, where there are too many triangles still."""
 
@@ -36,22 +39,22 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integ
     kept : (W,) integers
         The vertices that are kept, in ascending order.
     coarse : (S, 3) integers
-        Triangles on the kept vertices, each once and turned as in the mesh; none where the mesh has no area.
+        Triangles on the kept vertices, each once and turned as in the mesh.
     """
     corners = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     places = np.asarray(vertices, dtype=np.float64)
     if len(corners) <= most:
         return np.arange(len(places)), corners
-    area = float(triangle_areas(places, corners).sum())
+    stride = -(-len(corners) // SAMPLE)
+    area = stride * float(triangle_areas(places, corners[::stride]).sum())
     # A surface passes through about one cube for each face of a cube that it could cover, with two triangles.
-    side = np.sqrt(2.0 * area / most)
-    while side > 0.0:
+    side = np.sqrt(2.0 * area / most) or float(np.ptp(places)) / most or 1.0
+    while True:  # with larger cubes each time, until it is all in one at the latest
         kept, cluster = _clusters(places, side)
         coarse = _each_once(cluster[corners])
         if len(coarse) <= most:
             return kept, coarse
         side *= MARGIN * np.sqrt(len(coarse) / most)
-    return np.arange(0), corners[:0]
 
 
 def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from sparse_surface.solver import models
+from sparse_surface.solver import coarsening, models
 from sparse_surface.solver.coarsening import _one_number, coarsen
 from sparse_surface.solver.triangulation import triangle_areas
 
@@ -64,10 +64,19 @@ def test_a_sphere_stays_one(most: int) -> None:
     assert reach < 3.0 * equal_triangles
 
 
-def test_a_mesh_without_area_has_no_picture() -> None:
-    line = np.stack([np.arange(9.0), np.zeros(9), np.zeros(9)], axis=1)
+@pytest.mark.parametrize("length", [0.0, 1.0, 1e9])
+def test_a_mesh_without_area_ends_too(length: float) -> None:
+    line = length * np.stack([np.arange(9.0), np.zeros(9), np.zeros(9)], axis=1)
     kept, coarse = coarsen(line, np.stack([np.arange(7), np.arange(7) + 1, np.arange(7) + 2], axis=1), 3)
-    assert len(kept) == len(coarse) == 0
+    assert len(kept) >= 1
+    assert len(coarse) <= 3
+
+
+def test_a_sample_of_triangles_tells_the_area(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = models.sphere(24)
+    whole = coarsen(vertices, faces, 1000)[1]
+    monkeypatch.setattr(coarsening, "SAMPLE", 700)
+    assert 0.8 < len(coarsen(vertices, faces, 1000)[1]) / len(whole) < 1.25
 
 
 @pytest.mark.parametrize("largest", [3, 2**20, 2**40])
