@@ -36,12 +36,12 @@ QUICK = 1.0 / 30.0
 SLOW = 0.1
 """Seconds: where an object takes more after all, the surface is drawn; where drawings do, none is asked for."""
 
+SLOW_IN_A_ROW = 2
+"""So many drawings are slow where drawing is: one may have had its shader compiled, or met something else."""
+
 MOST_TRIANGLES = 200_000
 MOST_BY_SOFTWARE = 20_000
 """A drawing has no more than so many triangles: more take longer in every picture and show little more in it."""
-
-SLOW_IN_A_ROW = 2
-"""So many drawings are slow where drawing is: one may have had its shader compiled, or met something else."""
 
 
 class LivePreview:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from .grid_cells import one_in_each_cell
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -183,11 +185,5 @@ def thinned(points: Array, cell: float) -> Array:
     """One of the points in each cell of a grid, that nearest to their mean, in the order of the cells."""
     if not len(points):
         return points
-    _, number, count = np.unique(
-        np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True, return_counts=True
-    )
-    number = number.reshape(-1)
-    means = np.stack([np.bincount(number, weights=column) for column in points.T], axis=1) / count[:, None]
-    order = np.lexsort((((points - means[number]) ** 2).sum(axis=1), number))
-    chosen: Array = points[order[np.cumsum(count) - count]]
+    chosen: Array = points[one_in_each_cell(points, cell)[0]]
     return chosen

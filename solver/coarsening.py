@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .grid_cells import one_in_each_cell, one_number
 from .triangulation import triangle_areas
 
 Floats = NDArray[np.float64]
@@ -47,6 +48,7 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integ
         return np.arange(len(places)), corners
     stride = -(-len(corners) // SAMPLE)
     area = stride * float(triangle_areas(places, corners[::stride]).sum())
+    places = places - places.min(axis=0)  # a cube at a corner of the mesh can grow to hold it all
     # A surface passes through about one cube for each face of a cube that it could cover, with two triangles.
     side = np.sqrt(2.0 * area / most) or float(np.ptp(places)) / most or 1.0
     while True:  # with larger cubes each time, until it is all in one at the latest
@@ -58,31 +60,17 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integ
 
 
 def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:
-    """Return the vertex of each occupied cube that is nearest to the mean there, (W,), and the cube's row, (V,)."""
-    cubes = np.floor((places - places.min(axis=0)) / side).astype(np.int64)
-    _, cluster = np.unique(_one_number(cubes), return_inverse=True)
-    size = np.bincount(cluster)
-    mean = np.stack([np.bincount(cluster, weights=axis) / size for axis in places.T], axis=1)
-    distance = np.linalg.norm(places - mean[cluster], axis=1)
-    nearest = np.lexsort((distance, cluster))[np.cumsum(size) - size]
-    row = np.empty(len(nearest), dtype=np.int64)
-    row[np.argsort(nearest)] = np.arange(len(nearest))
-    return np.sort(nearest), row[cluster]
+    """Return the vertex that is kept of each occupied cube, (W,), in ascending order, and each vertex's row, (V,)."""
+    nearest, number = one_in_each_cell(places, side)
+    order = np.argsort(nearest)
+    row = np.empty_like(order)
+    row[order] = np.arange(len(order))
+    return nearest[order], row[number]
 
 
 def _each_once(corners: Integers) -> Integers:
     """Return the triangles with three different corners, each once in whatever order its corners are, (S, 3)."""
     ordered = np.sort(corners, axis=1)
     proper = (ordered[:, 0] < ordered[:, 1]) & (ordered[:, 1] < ordered[:, 2])
-    _, first = np.unique(_one_number(ordered[proper]), return_index=True)
+    _, first = np.unique(one_number(ordered[proper]), return_index=True)
     return corners[proper][np.sort(first)]
-
-
-def _one_number(rows: Integers) -> Integers:
-    """Return one number for each row of three that are not negative, (n,): the same for the same rows only."""
-    if not len(rows):
-        return np.arange(0)
-    widths = [int(width) for width in rows.max(axis=0) + 1]
-    if widths[0] * widths[1] * widths[2] >= 2**63:
-        return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
-    return (rows[:, 0] * widths[1] + rows[:, 1]) * widths[2] + rows[:, 2]

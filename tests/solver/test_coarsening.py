@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from sparse_surface.solver import coarsening, models
-from sparse_surface.solver.coarsening import _one_number, coarsen
+from sparse_surface.solver.coarsening import coarsen
+from sparse_surface.solver.grid_cells import one_number
 from sparse_surface.solver.triangulation import triangle_areas
 
 MODELS = {"sphere": models.sphere(24), "cube": models.cube(), "moebius": models.moebius(), "l_solid": models.l_solid()}
@@ -83,6 +84,13 @@ def test_a_sample_of_triangles_tells_the_area(monkeypatch: pytest.MonkeyPatch) -
 def test_rows_have_one_number_each(largest: int) -> None:
     rows = np.random.default_rng(7).integers(0, largest, (400, 3))
     rows = np.concatenate([rows, rows[::3]])
-    numbers = _one_number(rows)
+    numbers = one_number(rows)
     as_rows = [tuple(row) for row in rows.tolist()]
     assert len(set(numbers.tolist())) == len(set(as_rows)) == len(set(zip(as_rows, numbers.tolist(), strict=True)))
+
+
+def test_numbers_come_in_the_order_of_the_rows() -> None:
+    for largest in (5, 2**40):
+        rows = np.random.default_rng(8).integers(0, largest, (300, 3))
+        order = np.lexsort(rows.T[::-1])
+        assert np.all(np.diff(one_number(rows)[order]) >= 0)
