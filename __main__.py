@@ -7,7 +7,7 @@ import sys
 
 def main() -> int:
     """Run the command line with the process's arguments; returns the exit code."""
-    from .cli import main as run
+    from .command_line.main import main as run
 
     return run(sys.argv[1:])
 

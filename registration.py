@@ -13,18 +13,18 @@ from .operators import (
     compare,
     compare_methods,
     copy_statistics,
-    domain_maps,
-    early_object,
     finish,
     inspect_patch,
-    patch_colours,
-    preloading,
     reconstruct,
     resample,
-    running,
     separate_patches,
     show_heat_map,
 )
+from .operators import domains_to_uv as domain_maps
+from .operators import show_patches as patch_colours
+from .operators.preview import object as early_object
+from .operators.run import control as running
+from .operators.run import preloading
 from .ui import command, inspect_panel, legend, panels, preferences, presets, properties, translations
 
 CLASSES: tuple[type, ...] = (

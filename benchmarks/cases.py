@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver import Settings, approximate, models
-from ..solver.executor import WorkerExecutor
-from ..solver.system import peak_memory_mb
+from ..solver import Settings, approximate
+from ..solver.processes.memory import peak_memory_mb
+from ..solver.processes.pool import WorkerExecutor
+from . import generated_models as models
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "total")
 

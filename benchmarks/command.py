@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..solver import models
 from ..solver.errors import InputError
 from . import accuracy, denoising, evaluation, performance
+from . import generated_models as models
 from .cases import Case
 
 PAPERS = ("cube", "cubetorus", "cylinder", "flower")
@@ -105,7 +105,8 @@ def _read(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         import bpy  # noqa: F401 - before whatever comes with it
     except ImportError as error:
         raise InputError(f"Reading '{path}' takes Blender's Python module, bpy.") from error
-    from ..operators import files, mesh_data
+    from ..operators.data import meshes as mesh_data
+    from ..operators.files import formats as files
 
     mesh = files.read_meshes(path)[0].data
     corners, sizes = mesh_data.read_polygons(mesh)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..solver import Settings, approximate
 from ..solver.denoising import denoise
-from ..solver.executor import WorkerExecutor
-from ..solver.metrics import normal_error
-from ..solver.triangulation import triangulate
+from ..solver.mesh.triangulation import triangulate
+from ..solver.processes.pool import WorkerExecutor
+from ..solver.surface.metrics import normal_error
 from .bilateral import ITERATIONS, WIDTHS, filtered
 from .cases import Case, generated, unit_seconds
 from .tables import table

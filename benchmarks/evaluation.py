@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..solver import Settings, approximate
-from ..solver.executor import WorkerExecutor
-from ..solver.smoothness import CREASE_ANGLE, bends
-from ..solver.storage import from_bytes
+from ..solver.processes.pool import WorkerExecutor
+from ..solver.surface.files import from_bytes
 from .cases import Case, generated, unit_seconds
+from .smoothness import CREASE_ANGLE, bends
 from .tables import table
 
 MODELS = ("cube", "fandisk", "bunny")

@@ -17,15 +17,15 @@ from scipy.optimize import minimize
 from sklearn.linear_model import orthogonal_mp
 
 from ..solver import Settings
-from ..solver.adaptive import with_domains
-from ..solver.batch import Batch, Problem, build_batch
-from ..solver.blending import blending_weights
-from ..solver.cover import build_cover
-from ..solver.dictionary import Dictionary
-from ..solver.mesh import build_mesh
-from ..solver.observations import MeshObservations
-from ..solver.patch_fit import chunk_patches, chunk_task, fit_chunk
-from ..solver.patches import build_patches
+from ..solver.fitting.batch import Batch, Problem, build_batch
+from ..solver.fitting.chunks import chunk_patches, chunk_task, fit_chunk
+from ..solver.fitting.dictionary import Dictionary
+from ..solver.mesh.triangle_mesh import build_mesh
+from ..solver.patches.blending import blending_weights
+from ..solver.patches.cover import build_cover
+from ..solver.patches.observations import MeshObservations
+from ..solver.patches.patches import build_patches
+from ..solver.patches.splitting import with_domains
 from .cases import Case, generated, unit_seconds
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..solver.executor import WorkerExecutor
+from ..solver.processes.pool import WorkerExecutor
 from .cases import STAGES, Case, Measured, measure
 from .natural_alternative import Comparison, compare
 from .tables import table

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver.cloud_models import Cloud, airplane, ball, box, head, l_solid
-from ..solver.point_cloud import Reconstruction, reconstruct
-from ..solver.projection import closest_points
-from ..solver.runaway import triangle_grid
+from ..solver.mesh.projection import closest_points
+from ..solver.reconstruction.oscillation import triangle_grid
+from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings
+from .generated_clouds import Cloud, airplane, ball, box, head, l_solid
 from .tables import table
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ def measure(case: CloudCase) -> MeasuredCloud:
     cloud = case.make()
     vertices, faces = cloud.base_vertices, cloud.base_faces
     if case.made_base:
-        from ..operators.base_mesh import make_base  # needs bpy
+        from ..operators.data.base_mesh import make_base  # needs bpy
 
         made = make_base(cloud.points)
         vertices, faces = made.vertices, made.triangles

@@ -7,8 +7,8 @@ import time
 import bpy
 import numpy as np
 
-from ..operators import mesh_data
-from ..operators.colour_ramp import ColourScale
+from ..operators.data import meshes as mesh_data
+from ..operators.data.colours import ColourScale
 from ..solver import Settings, approximate
 from .cases import Case, generated
 

@@ -27,7 +27,7 @@ def main() -> int:
     parser.add_argument("results", type=Path, help="folder for the results, made where it is missing")
     parser.add_argument("--part", default="1/1", metavar="I/N", help="the I-th of N shares of the files")
     options, settings = parser.parse_known_args(extension.arguments())
-    command_line = importlib.import_module(extension.package().__name__ + ".cli")
+    command_line = importlib.import_module(extension.package().__name__ + ".command_line.main")
     number, parts = (int(text) for text in options.part.split("/"))
     files = sorted(file for file in options.models.iterdir() if file.suffix.lower() in KINDS)
     options.results.mkdir(parents=True, exist_ok=True)

@@ -9,13 +9,13 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
-from . import running
-from .heat_map import colour_scale
-from .requirements import missing_packages
-from .solving import Solved, Solving, Task, read_sources, scene_settings
+from .heat_map.scale import colour_scale
+from .run import control as running
+from .run.operator import Solved, Solving, Task, read_sources, scene_settings
+from .run.requirements import missing_packages
 
 if TYPE_CHECKING:
-    from .mesh_data import Result, Source
+    from .data.meshes import Result, Source
 
 
 class SPARSE_SURFACE_OT_approximate(Solving, Operator):
@@ -79,7 +79,7 @@ def selected_meshes(context: Context) -> list[Object]:
 
 
 def _make_result(context: Context, source: Source, result: Result) -> Object:
-    from . import mesh_data
+    from .data import meshes as mesh_data
 
     settings = context.scene.sparse_surface
     made = mesh_data.create_result(

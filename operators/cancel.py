@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Operator
 
-from . import running
+from .run import control as running
 
 
 class SPARSE_SURFACE_OT_cancel(Operator):

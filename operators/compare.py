@@ -7,7 +7,7 @@ from bpy.types import Context, Object, Operator
 
 from ..solver.errors import InputError
 from .approximate import selected_meshes
-from .heat_map import colour_scale
+from .heat_map.scale import colour_scale
 
 
 class SPARSE_SURFACE_OT_compare(Operator):
@@ -52,7 +52,7 @@ def write_difference(context: Context, coloured: Object, other: Object) -> float
     """
     import numpy as np
 
-    from . import mesh_data
+    from .data import meshes as mesh_data
 
     if not mesh_data.same_topology(mesh_data.read_mesh(other.data), coloured.data):
         raise InputError(rpt_("'{}' and '{}' do not have the same polygons.").format(coloured.name, other.name))

@@ -12,13 +12,13 @@ from mathutils import Matrix, Vector
 from ..solver.errors import SparseSurfaceError
 from ..solver.settings import PRESETS, Settings
 from .approximate import reason_against, selected_meshes
-from .heat_map import colour_scale
-from .result_object import cut_name
-from .solving import Solved, Solving, Task, read_sources, scene_settings
+from .data.result_keys import cut_name
+from .heat_map.scale import colour_scale
+from .run.operator import Solved, Solving, Task, read_sources, scene_settings
 
 if TYPE_CHECKING:
-    from .colour_ramp import ColourScale
-    from .mesh_data import Result
+    from .data.colours import ColourScale
+    from .data.meshes import Result
 
 SPACE = 0.15
 """Room between the objects, in the source's width."""
@@ -98,7 +98,7 @@ def make_pair(
     SparseSurfaceError
         When the source was removed or edited since it was read.
     """
-    from . import mesh_data
+    from .data import meshes as mesh_data
 
     made = []
     for place, ((source, result), title) in enumerate(zip(done, titles, strict=True)):

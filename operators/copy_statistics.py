@@ -9,7 +9,7 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator
 
-from .result_object import read_report
+from .data.result_keys import read_report
 
 
 class SPARSE_SURFACE_OT_copy_statistics(Operator):

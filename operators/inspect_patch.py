@@ -11,13 +11,13 @@ from bpy.types import Collection, Context, Object, Operator
 from mathutils import Matrix, Vector
 
 from ..solver.errors import InputError, SparseSurfaceError
-from .patch_colours import has_patches
+from .data.result_keys import PATCH, PATCH_COLOUR, remove_marked
 from .resample import reason_against
-from .result_object import PATCH, PATCH_COLOUR, remove_marked
+from .show_patches import has_patches
 
 if TYPE_CHECKING:
-    from ..solver.inspection import PatchSheet
-    from ..solver.representation import Representation
+    from ..solver.surface.inspection import PatchSheet
+    from ..solver.surface.representation import Representation
 
 INSPECTED = "sparse_surface_inspected"
 """Custom property of what the inspection shows: the result's name. A pointer would keep a deleted one alive."""
@@ -90,7 +90,7 @@ class SPARSE_SURFACE_OT_clear_inspection(Operator):
 
 def _chosen_patch(context: Context, holder: Object, which: str) -> int:
     """Return the number of the patch to be shown; stepping goes around at both ends."""
-    from . import stored_representation
+    from .data import representation as stored_representation
 
     if which == "SELECTED":
         return _patch_at_selection(holder)
@@ -127,8 +127,8 @@ def inspect_patch(context: Context, holder: Object, patch: int) -> list[Object]:
     SparseSurfaceError
         When the object holds no representation, its mesh was edited, or there is no such patch.
     """
-    from ..solver.inspection import patch_terms
-    from . import stored_representation
+    from ..solver.surface.inspection import patch_terms
+    from .data import representation as stored_representation
 
     representation = stored_representation.read(holder)
     # What is refused is refused before anything is cleared away.
@@ -148,8 +148,8 @@ def lay_out_patch(context: Context, holder: Object, representation: Representati
     SparseSurfaceError
         When the object's mesh is not that of the representation, or there is no such patch.
     """
-    from ..solver import inspection
-    from . import stored_representation
+    from ..solver.surface import inspection
+    from .data import representation as stored_representation
 
     place = stored_representation.placement(holder, representation)
     coarse = inspection.patch_sheet(representation, patch)
@@ -192,7 +192,7 @@ class _Shown:
         """Make an object of positions (P, 3) of a sheet; every triangle has the colour of its place on the result."""
         import numpy as np
 
-        from . import mesh_data
+        from .data import meshes as mesh_data
 
         name = f"Patch {self.patch} {what}".strip()
         mesh = mesh_data.create_mesh(name, positions, sheet.triangles.ravel(), np.full(len(sheet.triangles), 3))
@@ -261,7 +261,7 @@ def _beside(holder: Object, context: Context) -> tuple[Vector, float]:
 
 def _note(context: Context, holder: Object, representation: Representation, patch: int) -> None:
     """Note what the panel shows of the patch."""
-    from ..solver.inspection import patch_energy, patch_terms
+    from ..solver.surface.inspection import patch_energy, patch_terms
 
     noted = context.scene.sparse_surface.inspection
     noted.holder, noted.patch = holder.name, patch

@@ -9,14 +9,14 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
-from . import running
-from .heat_map import colour_scale
-from .requirements import missing_packages
-from .solving import Solved, Solving, Task, refusal, scene_settings
+from .heat_map.scale import colour_scale
+from .run import control as running
+from .run.operator import Solved, Solving, Task, refusal, scene_settings
+from .run.requirements import missing_packages
 
 if TYPE_CHECKING:
     from ..solver.cloud_settings import CloudSettings
-    from .cloud_data import CloudSource
+    from .data.points import CloudSource
 
 
 class SPARSE_SURFACE_OT_reconstruct(Solving, Operator):
@@ -108,10 +108,10 @@ def read_cloud(
     SparseSurfaceError
         When there are too few points, or no base can be made of them.
     """
-    from ..solver.cloud_job import CloudArrays
-    from ..solver.point_cloud import checked_points
-    from . import cloud_data
-    from .base_mesh import make_base
+    from ..solver.reconstruction.evaluated import CloudArrays
+    from ..solver.reconstruction.reconstruct import checked_points
+    from .data import points as cloud_data
+    from .data.base_mesh import make_base
 
     depsgraph = context.evaluated_depsgraph_get()
     positions, lengths = cloud_data.read_points(points, depsgraph)
@@ -132,7 +132,8 @@ def make_objects(context: Context, source: CloudSource, result: Any) -> Object:
     InputError
         When the points were deleted meanwhile.
     """
-    from . import cloud_data, mesh_data
+    from .data import meshes as mesh_data
+    from .data import points as cloud_data
 
     settings = context.scene.sparse_surface
     wanted, replace = settings.reconstruction, settings.replace_result

@@ -10,15 +10,15 @@ from bpy.props import IntProperty
 from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
-from . import running
-from .result_object import SCALE, SPLITS, cut_name, has_representation
+from .data.result_keys import SCALE, SPLITS, cut_name, has_representation
+from .run import control as running
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ..solver.resampling import Resampled
-    from .colour_ramp import ColourScale
+    from ..solver.surface.resampling import Resampled
+    from .data.colours import ColourScale
 
 MOST_SPLITS = 64
 
@@ -47,7 +47,7 @@ class SPARSE_SURFACE_OT_resample(Operator):
         return not reason
 
     def execute(self, context: Context) -> set[str]:
-        from . import mesh_data
+        from .data import meshes as mesh_data
 
         holder = context.active_object
         try:
@@ -84,8 +84,10 @@ def resample_object(context: Context, holder: Object, splits: int) -> Object:
     import numpy as np
 
     from ..solver.progress import run_to_end
-    from ..solver.resampling import resample_steps
-    from . import layers, mesh_data, stored_representation
+    from ..solver.surface.resampling import resample_steps
+    from .data import attributes as layers
+    from .data import meshes as mesh_data
+    from .data import representation as stored_representation
 
     representation = stored_representation.read(holder)
     place = stored_representation.placement(holder, representation)
@@ -119,7 +121,7 @@ def _nearest_errors(holder: Object, local: NDArray[np.float32]) -> NDArray[np.fl
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from . import mesh_data
+    from .data import meshes as mesh_data
 
     nearest = cKDTree(mesh_data.read_positions(holder.data)).query(local)[1]
     return mesh_data.read_error(holder.data)[nearest].astype(np.float64)
@@ -127,8 +129,8 @@ def _nearest_errors(holder: Object, local: NDArray[np.float32]) -> NDArray[np.fl
 
 def _colours_like(holder: Object, context: Context, error: NDArray[np.float64]) -> ColourScale:
     """Return the scale of the object that is resampled, so that both can be compared."""
-    from .colour_ramp import ColourScale
-    from .heat_map import colour_scale
+    from .data.colours import ColourScale
+    from .heat_map.scale import colour_scale
 
     return ColourScale(*holder[SCALE]) if SCALE in holder else colour_scale(context.scene, error)
 

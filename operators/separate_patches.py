@@ -10,11 +10,11 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Collection, Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
+from .data.result_keys import cut_name
 from .resample import reason_against
-from .result_object import cut_name
 
 if TYPE_CHECKING:
-    from ..solver.representation import Representation
+    from ..solver.surface.representation import Representation
 
 GAP = "gap"
 """Attribute of a patch's mesh: largest distance to another patch's point for the same vertex, in scene units."""
@@ -37,7 +37,7 @@ class SPARSE_SURFACE_OT_separate_patches(Operator):
         return not reason
 
     def execute(self, context: Context) -> set[str]:
-        from ..solver.metrics import statistics
+        from ..solver.surface.metrics import statistics
 
         try:
             patches, gaps = separate_patches(context, context.active_object)
@@ -69,8 +69,8 @@ def separate_patches(context: Context, holder: Object) -> tuple[Collection, Any]
     InputError
         When the object holds no representation, or its mesh was edited.
     """
-    from ..solver.overlaps import overlap_gaps
-    from . import stored_representation
+    from ..solver.surface.overlaps import overlap_gaps
+    from .data import representation as stored_representation
 
     representation = stored_representation.read(holder)
     place = stored_representation.placement(holder, representation)
@@ -88,7 +88,7 @@ def separate_patches(context: Context, holder: Object) -> tuple[Collection, Any]
 def _patch_object(representation: Representation, points: Any, gaps: Any, patch: int, holder: Object) -> Object:
     import numpy as np
 
-    from . import mesh_data
+    from .data import meshes as mesh_data
 
     name = cut_name(holder.name, f" Patch {patch + 1}")
     vertices = slice(*representation.vertex_offsets[patch : patch + 2])

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.types import Context, Operator, SpaceView3D
 
-from .result_object import ERROR_COLOUR, has_heat_map
+from .data.result_keys import ERROR_COLOUR, has_heat_map
 
 # Flat light shows a colour as the legend does; the cavities keep the shape readable.
 _HEAT_MAP_SHADING = {"color_type": "VERTEX", "light": "FLAT", "show_cavity": True, "cavity_type": "SCREEN"}

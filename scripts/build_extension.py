@@ -25,7 +25,7 @@ from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
 
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
-FOLDERS = ("operators", "presets", "solver", "ui")
+FOLDERS = ("command_line", "operators", "presets", "solver", "ui")
 DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can hold
 
 

@@ -7,14 +7,16 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from sparse_surface.operators import base_mesh, cloud_data, mesh_data
-from sparse_surface.operators.colour_ramp import ColourScale
-from sparse_surface.operators.heatmap_render import render_heatmap
-from sparse_surface.operators.point_display import create_point_shapes
+from sparse_surface.benchmarks.generated_clouds import Cloud, airplane, ball, head, l_solid
+from sparse_surface.operators.data import base_mesh
+from sparse_surface.operators.data import meshes as mesh_data
+from sparse_surface.operators.data import points as cloud_data
+from sparse_surface.operators.data.colours import ColourScale
+from sparse_surface.operators.heat_map.picture import render_heatmap
+from sparse_surface.operators.heat_map.point_shapes import create_point_shapes
 from sparse_surface.operators.reconstruct import read_cloud
 from sparse_surface.solver import CloudSettings, Settings, run_to_end
-from sparse_surface.solver.cloud_job import CloudOutcome, reconstruct_arrays
-from sparse_surface.solver.cloud_models import Cloud, airplane, ball, head, l_solid
+from sparse_surface.solver.reconstruction.evaluated import CloudOutcome, reconstruct_arrays
 
 TOP_SHARE = 0.995
 """Share of the errors that the colours range over: a few points must not leave the rest in one colour."""

@@ -21,10 +21,10 @@ import bpy
 import numpy as np
 import sparse_surface
 from mathutils import Euler, Vector
-from sparse_surface.operators import files
-from sparse_surface.operators.heatmap_render import render_heatmap
-from sparse_surface.operators.result_object import read_report
-from sparse_surface.solver import models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.operators.data.result_keys import read_report
+from sparse_surface.operators.files import formats as files
+from sparse_surface.operators.heat_map.picture import render_heatmap
 from sparse_surface.solver.errors import SparseSurfaceError
 
 OUT = Path(__file__).resolve().parent.parent / "out"

@@ -17,7 +17,7 @@ import sparse_surface
 from cloud_figures import CLOUD_FIGURES
 from demo import approximate, make_flower, make_suzanne
 from representation_figures import REPRESENTATION_FIGURES
-from sparse_surface.operators.heatmap_render import render_heatmap
+from sparse_surface.operators.heat_map.picture import render_heatmap
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from paper_figures.models import SHARED, read_mesh
 from paper_figures.shots import BUFF, Shown, View, error_colours, shoot
 from sparse_surface.benchmarks.denoising import closeness, with_noise
-from sparse_surface.operators.colour_ramp import ColourScale, linear_to_srgb, srgb_to_linear
+from sparse_surface.operators.data.colours import ColourScale, linear_to_srgb, srgb_to_linear
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.inspection import patch_energy, patch_sheet, patch_terms
-from sparse_surface.solver.resampling import resample
+from sparse_surface.solver.surface.inspection import patch_energy, patch_sheet, patch_terms
+from sparse_surface.solver.surface.resampling import resample
 
 Array = NDArray[np.float64]
 

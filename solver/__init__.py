@@ -13,16 +13,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .approximation.approximate import Approximation, approximate, approximate_steps
     from .cloud_settings import CloudSettings
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
-    from .pipeline import Approximation, approximate, approximate_steps
-    from .point_cloud import Reconstruction, reconstruct, reconstruct_steps
     from .progress import FINISH, Progress, run_to_end
-    from .representation import Representation
+    from .reconstruction.reconstruct import Reconstruction, reconstruct, reconstruct_steps
     from .settings import PRESETS, Settings
+    from .surface.representation import Representation
 
 _HOME = {
-    "Approximation": "pipeline",
+    "Approximation": "approximation.approximate",
     "Cancelled": "errors",
     "CloudSettings": "cloud_settings",
     "FINISH": "progress",
@@ -30,16 +30,16 @@ _HOME = {
     "InputError": "errors",
     "PRESETS": "settings",
     "Progress": "progress",
-    "Reconstruction": "point_cloud",
-    "Representation": "representation",
+    "Reconstruction": "reconstruction.reconstruct",
+    "Representation": "surface.representation",
     "Settings": "settings",
     "SettingsError": "errors",
     "SparseSurfaceError": "errors",
     "WorkerError": "errors",
-    "approximate": "pipeline",
-    "approximate_steps": "pipeline",
-    "reconstruct": "point_cloud",
-    "reconstruct_steps": "point_cloud",
+    "approximate": "approximation.approximate",
+    "approximate_steps": "approximation.approximate",
+    "reconstruct": "reconstruction.reconstruct",
+    "reconstruct_steps": "reconstruction.reconstruct",
     "run_to_end": "progress",
 }
 

@@ -26,15 +26,15 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .child import close_streams, last_words, private_channels, start_child, stop_giving_way
-from .cloud_job import CloudArrays, CloudOutcome, reconstruct_arrays
 from .cloud_settings import CloudSettings
 from .errors import SparseSurfaceError, WorkerError
+from .processes.child import close_streams, last_words, private_channels, start_child, stop_giving_way
 from .progress import FINISH, Progress, Steps, run_to_end
+from .reconstruction.evaluated import CloudArrays, CloudOutcome, reconstruct_arrays
 from .settings import Settings
 
 if TYPE_CHECKING:
-    from .pipeline import Approximation
+    from .approximation.approximate import Approximation
 
 SECONDS_BETWEEN_MESSAGES = 0.05
 SECONDS_BETWEEN_PREVIEWS = 0.5
@@ -76,7 +76,7 @@ class MeshArrays:
 
 def approximate_arrays(arrays: MeshArrays, settings: Settings) -> Steps[Approximation]:
     """Do `approximate_steps` on flat arrays."""
-    from .pipeline import approximate_steps  # SciPy: not needed where only a child computes
+    from .approximation.approximate import approximate_steps  # SciPy: not needed where only a child computes
 
     return approximate_steps(
         arrays.vertices,

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from sparse_surface.benchmarks import accuracy, denoising, evaluation
+from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
 from sparse_surface.benchmarks.natural_alternative import compare
 from sparse_surface.benchmarks.performance import growth_exponent
 from sparse_surface.benchmarks.tables import table
-from sparse_surface.solver import Settings, models
+from sparse_surface.solver import Settings
 
 QUICK = {"workers": 1, "ring": 4, "degree": 6, "sparsity": 6, "iterations": 2, "sweeps": 0}
 

@@ -245,7 +245,7 @@ def test_cancelled(tmp_path: Path) -> None:
 
 
 def test_an_older_output_is_kept_when_writing_fails(model: Path, tmp_path: Path) -> None:
-    from sparse_surface.operators.drafts import beside
+    from sparse_surface.operators.files.atomic import beside
 
     target = tmp_path / "old.json"
     target.write_text("old")
@@ -451,7 +451,7 @@ def test_reconstruct_says_when_blender_is_missing(tmp_path: Path) -> None:
     code = (
         "import sys, importlib.util as u; plain = u.find_spec\n"
         "u.find_spec = lambda name, *rest: None if name == 'bpy' else plain(name, *rest)\n"
-        f"from sparse_surface.cli import main; sys.exit(main(['reconstruct', {str(path)!r}]))"
+        f"from sparse_surface.command_line.main import main; sys.exit(main(['reconstruct', {str(path)!r}]))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 1

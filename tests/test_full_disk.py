@@ -17,7 +17,7 @@ SCRIPT = """
 import os, sys
 from pathlib import Path
 import bpy
-from sparse_surface import cli
+from sparse_surface.command_line.main import main
 from sparse_surface.solver import models
 folder, model = Path(sys.argv[1]), Path(sys.argv[2])
 vertices, faces = models.cube(14)
@@ -28,7 +28,7 @@ for option, name in zip(sys.argv[3::2], sys.argv[4::2]):
     target = folder / name
     target.write_text("old")
     quick = ["--iterations", "1", "--sweeps", "0", "--workers", "1", "--degree", "5"]
-    code = cli.main(["approximate", str(model), option, str(target), *quick])
+    code = main(["approximate", str(model), option, str(target), *quick])
     print("RESULT", name, code, target.read_text() == "old", os.listdir(folder) == [name], flush=True)
     target.unlink()
 """

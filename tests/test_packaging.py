@@ -21,7 +21,9 @@ from packaging.version import Version
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGES = tuple(
-    name for name in ("benchmarks", "operators", "solver", "ui") if (CHECKOUT / name / "__init__.py").exists()
+    name
+    for name in ("benchmarks", "command_line", "operators", "solver", "ui")
+    if (CHECKOUT / name / "__init__.py").exists()
 )
 
 

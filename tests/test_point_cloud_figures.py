@@ -7,8 +7,8 @@ import importlib.util
 import numpy as np
 import pytest
 from sparse_surface.benchmarks import point_clouds
+from sparse_surface.benchmarks.generated_clouds import ball
 from sparse_surface.benchmarks.point_clouds import CASES, CloudCase, MeasuredCloud, measure
-from sparse_surface.solver.cloud_models import ball
 
 # Largest rms and maximum of the surface's distance from the true one, mean distance of the edges, rms of the fit.
 LIMITS = {

@@ -11,7 +11,7 @@ _handle: object | None = None
 
 def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code."""
-    from ..cli import main
+    from ..command_line.main import main
 
     return main(arguments)
 

@@ -7,8 +7,8 @@ from typing import Any
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout, UIList
 
-from ..operators.patch_colours import has_patches, shows_patches
-from ..operators.result_object import has_representation, read_report
+from ..operators.data.result_keys import has_representation, read_report
+from ..operators.show_patches import has_patches, shows_patches
 from .panels import SidebarPanel
 
 

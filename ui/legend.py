@@ -8,7 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, SpaceView3D
 
-from ..operators.result_object import SCALE, has_heat_map
+from ..operators.data.result_keys import SCALE, has_heat_map
 from ..operators.show_heat_map import anywhere_shown, forget, shows_heat_map
 
 BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
@@ -163,7 +163,7 @@ def _draw_bands(legend: Legend, two_colours: bool) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    from ..operators.colour_ramp import INSIDE, OUTSIDE, STEPS, linear_to_srgb, ramp
+    from ..operators.data.colours import INSIDE, OUTSIDE, STEPS, linear_to_srgb, ramp
 
     positions: list[tuple[float, float]] = []
     colours: list[tuple[float, ...]] = []

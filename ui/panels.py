@@ -7,14 +7,15 @@ from typing import Any
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout
 
-from ..operators import preloading, running
 from ..operators.approximate import reason_against, selected_meshes
 from ..operators.copy_statistics import rows_of
-from ..operators.estimate import LARGE_MESH, estimate, vertex_count
-from ..operators.requirements import missing_packages
-from ..operators.result_object import read_report
+from ..operators.data.result_keys import read_report
+from ..operators.run import control as running
+from ..operators.run import preloading
+from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
+from ..operators.run.requirements import missing_packages
+from ..operators.run.status import duration_text, remaining_text
 from ..operators.show_heat_map import shows_heat_map
-from ..operators.status import duration_text, remaining_text
 from .presets import SPARSE_SURFACE_PT_presets
 from .properties import CLOUD_NAMES, SOLVER_NAMES
 

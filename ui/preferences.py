@@ -6,8 +6,8 @@ import bpy
 from bpy.props import EnumProperty, IntProperty
 from bpy.types import AddonPreferences, Context, Scene
 
-from ..operators.preferences import ADD_ON, preferences
-from ..operators.requirements import missing_packages, package_versions
+from ..operators.run.preferences import ADD_ON, preferences
+from ..operators.run.requirements import missing_packages, package_versions
 from ..solver.settings import PRESETS
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from bpy.types import Context, Object, PropertyGroup
 
-from ..operators.heat_map import recolour_scene
+from ..operators.heat_map.scale import recolour_scene
 from ..solver.cloud_settings import CloudSettings
 from ..solver.settings import PRESETS, Settings
 from . import inspect_properties

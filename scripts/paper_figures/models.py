@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from sparse_surface.solver import models
+from sparse_surface.benchmarks import generated_models as models
 
 CHECKOUT = Path(__file__).resolve().parent.parent.parent
 SHARED = CHECKOUT.parent / "shared" / "models"

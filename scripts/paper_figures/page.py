@@ -12,7 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap
 from numpy.typing import NDArray
 from PIL import Image
-from sparse_surface.operators.colour_ramp import linear_to_srgb, ramp
+from sparse_surface.operators.data.colours import linear_to_srgb, ramp
 
 from .measurements import FIGURES
 

@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from sparse_surface.solver import Settings, paper_method, traditional, variable_projection
-from sparse_surface.solver.batch import Problem, build_batch
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.domain_energy import DomainEnergy, determinant
+from sparse_surface.solver import Settings
+from sparse_surface.solver.fitting.batch import Problem, build_batch
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.domain_energy import DomainEnergy, determinant
+from sparse_surface.solver.fitting.methods import augmented_lagrangian as paper_method
+from sparse_surface.solver.fitting.methods import fixed_domain as traditional
+from sparse_surface.solver.fitting.methods import variable_projection
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

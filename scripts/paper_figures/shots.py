@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
-from sparse_surface.operators.colour_ramp import ColourScale, srgb_to_linear
+from sparse_surface.operators.data.colours import ColourScale, srgb_to_linear
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from sparse_surface.solver import Approximation, Representation, approximate
-from sparse_surface.solver.metrics import statistics
-from sparse_surface.solver.overlaps import overlap_gaps
+from sparse_surface.solver.surface.metrics import statistics
+from sparse_surface.solver.surface.overlaps import overlap_gaps
 
 from .measurements import DEFAULT, PRINTED, Notebook, measured, rounded
 from .models import PAPER_MODELS, PaperModel

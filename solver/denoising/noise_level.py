@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array
 
-from ..mesh import TriangleMesh
+from ..mesh.triangle_mesh import TriangleMesh
 from .normal_filter import filter_normals
 from .surface import Surface, normals_and_areas, unit
 

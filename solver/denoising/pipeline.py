@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SettingsError
-from ..mesh import TriangleMesh, build_mesh
+from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from .noise_level import STRONG, estimate_noise_level, mean_edge_length
 from .normal_filter import filter_normals, smooth_normals

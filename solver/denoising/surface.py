@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ..mesh import TriangleMesh
+from ..mesh.triangle_mesh import TriangleMesh
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import importlib
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -33,6 +34,7 @@ import bpy  # noqa: E402
 def pytest_configure(config: pytest.Config) -> None:
     if not config.option.collectonly:
         install(built_zip())
+        add_benchmarks()
 
 
 def built_zip() -> Path:
@@ -61,6 +63,18 @@ def install(path: Path) -> None:
     folder = Path(sys.modules[PACKAGE].__file__ or "").parent
     if USER_FOLDER.resolve() not in folder.resolve().parents:
         raise pytest.UsageError(f"the tests would run on {folder}, not on the installed zip")
+
+
+def add_benchmarks() -> None:
+    """Let the tests import the checkout's generated models beside the extension, whose zip does not hold them."""
+    folder, name = CHECKOUT / "benchmarks", f"{PACKAGE}.benchmarks"
+    spec = importlib.util.spec_from_file_location(
+        name, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[name] = package = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(package)
 
 
 def pytest_report_header() -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators import mesh_data
+from bl_ext.user_default.sparse_surface.operators.data import meshes as mesh_data
 from bl_ext.user_default.sparse_surface.solver import Settings, approximate
 from mathutils import Euler, Matrix
 

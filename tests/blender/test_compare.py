@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.colour_ramp import ColourScale
+from bl_ext.user_default.sparse_surface.operators.data.colours import ColourScale
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes

@@ -9,10 +9,11 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from bl_ext.user_default.sparse_surface.benchmarks import generated_models as models
 from bl_ext.user_default.sparse_surface.operators.copy_statistics import rows_of
-from bl_ext.user_default.sparse_surface.operators.estimate import estimate
-from bl_ext.user_default.sparse_surface.operators.heatmap_render import render_heatmap
-from bl_ext.user_default.sparse_surface.solver import Settings, approximate, models
+from bl_ext.user_default.sparse_surface.operators.heat_map.picture import render_heatmap
+from bl_ext.user_default.sparse_surface.operators.run.estimate import estimate
+from bl_ext.user_default.sparse_surface.solver import Settings, approximate
 from mathutils import Matrix, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -136,7 +137,7 @@ def test_held_vertices_stay():
 
 
 def test_the_picture_tells_of_noise_not_of_patches(tmp_path, monkeypatch):
-    from bl_ext.user_default.sparse_surface.operators import heatmap_render
+    from bl_ext.user_default.sparse_surface.operators.heat_map import picture as heatmap_render
 
     noisy_cube()
     result = scenes.approximate(denoise="only")

@@ -12,8 +12,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
-from bl_ext.user_default.sparse_surface.operators import early_object, mesh_data, running
-from bl_ext.user_default.sparse_surface.operators.colour_ramp import ColourScale
+from bl_ext.user_default.sparse_surface.operators.data import meshes as mesh_data
+from bl_ext.user_default.sparse_surface.operators.data.colours import ColourScale
+from bl_ext.user_default.sparse_surface.operators.preview import object as early_object
+from bl_ext.user_default.sparse_surface.operators.run import control as running
 
 SCALE = ColourScale(0.0, 0.5)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators import colour_ramp
-from bl_ext.user_default.sparse_surface.operators.colour_ramp import ColourScale, linear_to_srgb, ramp, srgb_to_linear
+from bl_ext.user_default.sparse_surface.operators.data import colours as colour_ramp
+from bl_ext.user_default.sparse_surface.operators.data.colours import ColourScale, linear_to_srgb, ramp, srgb_to_linear
 from bl_ext.user_default.sparse_surface.ui.legend import build_legend, tick_values
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators import heatmap_render, mesh_data
-from bl_ext.user_default.sparse_surface.operators.colour_ramp import INSIDE, OUTSIDE, ColourScale, linear_to_srgb, ramp
+from bl_ext.user_default.sparse_surface.operators.data import meshes as mesh_data
+from bl_ext.user_default.sparse_surface.operators.data.colours import INSIDE, OUTSIDE, ColourScale, linear_to_srgb, ramp
+from bl_ext.user_default.sparse_surface.operators.heat_map import picture as heatmap_render
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 
 WIDTH = 320

@@ -10,8 +10,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators import stored_representation
-from bl_ext.user_default.sparse_surface.solver.inspection import domain_atlas, patch_terms
+from bl_ext.user_default.sparse_surface.operators.data import representation as stored_representation
+from bl_ext.user_default.sparse_surface.solver.surface.inspection import domain_atlas, patch_terms
 from bl_ext.user_default.sparse_surface.ui import inspect_panel
 from mathutils import Vector
 

@@ -28,7 +28,16 @@ def test_installed_files_are_those_of_the_package(extension):
     manifest = tomllib.loads((folder / "blender_manifest.toml").read_text(encoding="utf-8"))
     assert manifest["id"] == "sparse_surface"
     top = {path.name for path in folder.iterdir()} - {"__pycache__", "wheels"}
-    assert {"__init__.py", "__main__.py", "LICENSE", "blender_manifest.toml", "operators", "solver", "ui"} <= top
+    assert {
+        "__init__.py",
+        "__main__.py",
+        "LICENSE",
+        "blender_manifest.toml",
+        "command_line",
+        "operators",
+        "solver",
+        "ui",
+    } <= top
     assert not top & {"tests", "scripts", "docs", "requirements", "Makefile", "pyproject.toml", ".ci"}
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import bpy
 import pytest
-from bl_ext.user_default.sparse_surface.operators import estimate, running
+from bl_ext.user_default.sparse_surface.operators.run import control as running
+from bl_ext.user_default.sparse_surface.operators.run import estimate
 from bl_ext.user_default.sparse_surface.solver.progress import Progress
 from bl_ext.user_default.sparse_surface.ui import panels, preferences
 

@@ -10,9 +10,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.base_mesh import make_base
+from bl_ext.user_default.sparse_surface.benchmarks.generated_clouds import ball, hill, l_solid
+from bl_ext.user_default.sparse_surface.operators.data.base_mesh import make_base
 from bl_ext.user_default.sparse_surface.solver import CloudSettings
-from bl_ext.user_default.sparse_surface.solver.cloud_models import ball, hill, l_solid
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 from mathutils import Euler, Matrix
 

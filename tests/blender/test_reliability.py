@@ -83,7 +83,8 @@ def test_switching_off_and_on_again_and_again(times: int) -> None:
 
 
 def test_switching_off_during_a_run_ends_it() -> None:
-    from bl_ext.user_default.sparse_surface.operators import running, solving
+    from bl_ext.user_default.sparse_surface.operators.run import control as running
+    from bl_ext.user_default.sparse_surface.operators.run import operator as solving
     from bl_ext.user_default.sparse_surface.solver.settings import Settings
 
     sheet = scenes.creased_sheet(60)

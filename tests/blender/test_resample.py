@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators import stored_representation
-from bl_ext.user_default.sparse_surface.solver.resampling import resample
+from bl_ext.user_default.sparse_surface.operators.data import representation as stored_representation
+from bl_ext.user_default.sparse_surface.solver.surface.resampling import resample
 from mathutils import Euler, Matrix, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from bl_ext.user_default.sparse_surface.operators.estimate import estimate
+from bl_ext.user_default.sparse_surface.operators.run.estimate import estimate
 from bl_ext.user_default.sparse_surface.solver.settings import PRESETS, Settings
 from bl_ext.user_default.sparse_surface.ui import panels, properties, translations
 
@@ -92,7 +92,7 @@ def test_default_preset_is_given_to_scenes_that_nobody_touched():
 
 
 def test_preferred_workers_are_used_where_the_scene_names_none():
-    from bl_ext.user_default.sparse_surface.operators.preferences import preferred_workers
+    from bl_ext.user_default.sparse_surface.operators.run.preferences import preferred_workers
 
     own = bpy.context.preferences.addons[scenes.EXTENSION].preferences
     try:

@@ -8,8 +8,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.sharp_edges import mark_sharp
-from bl_ext.user_default.sparse_surface.solver.models import cube
+from bl_ext.user_default.sparse_surface.benchmarks.generated_models import cube
+from bl_ext.user_default.sparse_surface.operators.data.sharp_edges import mark_sharp
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes

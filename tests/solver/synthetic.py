@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from sparse_surface.solver.batch import Problem
+from sparse_surface.solver.fitting.batch import Problem
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from sparse_surface.solver.base_fitting import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
-from sparse_surface.solver.cloud_geometry import analyse
-from sparse_surface.solver.cloud_models import ball, box, hill
+from sparse_surface.benchmarks.generated_clouds import ball, box, hill
+from sparse_surface.benchmarks.generated_models import moebius, sphere
 from sparse_surface.solver.errors import InputError
-from sparse_surface.solver.models import moebius, sphere
-from sparse_surface.solver.projection import project
+from sparse_surface.solver.mesh.projection import project
+from sparse_surface.solver.reconstruction.base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
+from sparse_surface.solver.reconstruction.geometry import analyse
 
 
 def misfit(mesh, points) -> float:

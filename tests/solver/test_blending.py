@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import cube, cylinder
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.blending import blending_weights, fitting_weights
-from sparse_surface.solver.consistency import colour_patches
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.metrics import normal_error, seam, statistics, surface_error
-from sparse_surface.solver.models import cube, cylinder
-from sparse_surface.solver.patches import build_patches, overlay_patches
-from sparse_surface.solver.sampling import SURFACE_SAMPLES
+from sparse_surface.solver.approximation.sweeps import colour_patches
+from sparse_surface.solver.mesh.sampling import SURFACE_SAMPLES
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.patches.blending import blending_weights, fitting_weights
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.patches import build_patches, overlay_patches
+from sparse_surface.solver.surface.metrics import normal_error, seam, statistics, surface_error
 
 
 @pytest.fixture(scope="module")

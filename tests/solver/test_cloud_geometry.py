@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from sparse_surface.solver.cloud_geometry import analyse, thinned
-from sparse_surface.solver.cloud_models import ball, box, head, l_solid
+from sparse_surface.benchmarks.generated_clouds import ball, box, head, l_solid
+from sparse_surface.solver.reconstruction.geometry import analyse, thinned
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.005, 0.02])

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.solver.blending import blending_weights
-from sparse_surface.solver.cloud_models import ball
-from sparse_surface.solver.cloud_observations import (
+from sparse_surface.benchmarks.generated_clouds import ball
+from sparse_surface.solver.mesh.projection import project
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.patches.blending import blending_weights
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.patches import build_patches
+from sparse_surface.solver.reconstruction.observations import (
     FILLER_WEIGHT,
     SCARCE,
     CloudObservations,
@@ -15,10 +19,6 @@ from sparse_surface.solver.cloud_observations import (
     filled,
     fillers,
 )
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.patches import build_patches
-from sparse_surface.solver.projection import project
 
 
 def observed(kind: str = "partition", turned: bool = False):

@@ -6,10 +6,12 @@ import time
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_clouds import ball, box, head, hill, l_solid
+from sparse_surface.benchmarks.generated_models import sphere
 from sparse_surface.solver import CloudSettings, Settings, reconstruct, run_to_end
-from sparse_surface.solver.cloud_job import CloudArrays, automatic_splits, reconstruct_arrays
-from sparse_surface.solver.cloud_models import ball, box, head, hill, l_solid
-from sparse_surface.solver.cloud_shell import (
+from sparse_surface.solver.job import Job
+from sparse_surface.solver.reconstruction.evaluated import CloudArrays, automatic_splits, reconstruct_arrays
+from sparse_surface.solver.reconstruction.shell import (
     has_cavity,
     is_open,
     one_side,
@@ -20,8 +22,6 @@ from sparse_surface.solver.cloud_shell import (
     smoothed,
     unpinched,
 )
-from sparse_surface.solver.job import Job
-from sparse_surface.solver.models import sphere
 
 QUICK = Settings(workers=1, iterations=3)
 

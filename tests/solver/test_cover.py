@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
-from sparse_surface.solver import models
-from sparse_surface.solver.cover import build_cover, hops_from
-from sparse_surface.solver.mesh import TriangleMesh, build_mesh
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.patches.cover import build_cover, hops_from
 
 
 def hops(mesh: TriangleMesh, sources: np.ndarray) -> np.ndarray:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import cube, sphere
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.creases import edge_stretch
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.models import cube, sphere
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.surface.creases import edge_stretch
 
 
 def sharp_edges(mesh, degrees=30.0):

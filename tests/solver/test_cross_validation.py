@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from sklearn.linear_model import LinearRegression
-from sparse_surface.solver.cross_validation import FOLDS, validated_sparsity
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.pursuit import least_squares_pursuit
+from sparse_surface.solver.fitting.cross_validation import FOLDS, validated_sparsity
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.pursuit import least_squares_pursuit
 
 MOST = 10
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from noisy import Array, Indices, diagonal, distance_from_clean, face_normals, halved, with_noise
-from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import FINISH, InputError, Progress, SettingsError
 from sparse_surface.solver.denoising import denoise, denoise_steps
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
 from sparse_surface.solver.denoising.normal_filter import filter_normals
@@ -15,7 +16,7 @@ from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, Patch
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
-from sparse_surface.solver.mesh import build_mesh
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 
 CLEAN = (
     "cube",

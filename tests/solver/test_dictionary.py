@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import legendre, polynomial
-from sparse_surface.solver.dictionary import LEGENDRE_SUPPORT, Dictionary, coefficient_grid, combine
+from sparse_surface.solver.fitting.dictionary import LEGENDRE_SUPPORT, Dictionary, coefficient_grid, combine
 
 BASES = ("monomial", "legendre")
 POINTS = np.random.default_rng(1).uniform(-1.2, 1.2, (2, 40))

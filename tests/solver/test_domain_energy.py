@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
-from sparse_surface.solver.domain_energy import DomainEnergy, determinant, largest_step, nearest_rotation
+from sparse_surface.solver.fitting.domain_energy import DomainEnergy, determinant, largest_step, nearest_rotation
 from synthetic import grid
 
 Array = NDArray[np.float64]

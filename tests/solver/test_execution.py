@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sparse_surface.solver import Approximation, Settings, approximate, approximate_steps, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Approximation, Settings, approximate, approximate_steps
+from sparse_surface.solver.approximation.runner import TASKS_AHEAD, Crew, crew_for
 from sparse_surface.solver.errors import WorkerError
-from sparse_surface.solver.execution import TASKS_AHEAD, Crew, crew_for
-from sparse_surface.solver.executor import WorkerExecutor, physical_cores
+from sparse_surface.solver.processes.pool import WorkerExecutor, physical_cores
 from sparse_surface.solver.progress import FINISH, run_to_end
 
 SETTINGS = {"ring": 4, "degree": 7, "sparsity": 8, "iterations": 4}
@@ -152,6 +153,6 @@ def test_results_come_in_the_order_of_the_tasks() -> None:
 
 
 def test_a_failure_in_a_worker_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sparse_surface.solver.child.sys.executable", "/no/such/python")
+    monkeypatch.setattr("sparse_surface.solver.processes.child.sys.executable", "/no/such/python")
     with pytest.raises(WorkerError, match="started"):
         approximate(*mesh(), Settings(**SETTINGS, workers=2))

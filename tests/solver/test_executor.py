@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sparse_surface.solver.child import THREAD_COUNTS
 from sparse_surface.solver.errors import Cancelled, InputError, WorkerError
-from sparse_surface.solver.executor import ATTEMPTS, WorkerExecutor, physical_cores
+from sparse_surface.solver.processes.child import THREAD_COUNTS
+from sparse_surface.solver.processes.pool import ATTEMPTS, WorkerExecutor, physical_cores
 from sparse_surface.solver.settings import Settings
 
 on_linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes through /proc")

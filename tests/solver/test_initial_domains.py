@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.solver import initial_domains as module
-from sparse_surface.solver import models
-from sparse_surface.solver.adaptive import with_domains
-from sparse_surface.solver.boundary import boundary_loops
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.initial_domains import METHODS, domain_quality, initial_domains, solve_initial_domains
-from sparse_surface.solver.mesh import TriangleMesh, build_mesh
-from sparse_surface.solver.patches import Patches, build_patches
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.mesh.triangulation import triangle_areas
+from sparse_surface.solver.patches import parameterisation as module
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.loops import boundary_loops
+from sparse_surface.solver.patches.parameterisation import (
+    METHODS,
+    domain_quality,
+    initial_domains,
+    solve_initial_domains,
+)
+from sparse_surface.solver.patches.patches import Patches, build_patches
+from sparse_surface.solver.patches.splitting import with_domains
 from sparse_surface.solver.settings import Settings
-from sparse_surface.solver.triangulation import triangle_areas
 
 
 def patches_of(mesh: TriangleMesh, ring: int = 7) -> Patches:

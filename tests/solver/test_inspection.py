@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
+from sparse_surface.benchmarks.generated_models import cube, moebius
 from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.inspection import (
+from sparse_surface.solver.surface.inspection import (
     domain_atlas,
     face_patches,
     patch_energy,
@@ -17,7 +18,6 @@ from sparse_surface.solver.inspection import (
     patch_terms,
     single_patch,
 )
-from sparse_surface.solver.models import cube, moebius
 
 QUICK = {"ring": 3, "degree": 6, "sparsity": 7, "iterations": 4, "sweeps": 1}
 KINDS: dict[str, dict[str, object]] = {

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import FINISH, Settings, approximate
-from sparse_surface.solver.child import start_child
 from sparse_surface.solver.job import Job, MeshArrays, approximate_arrays
-from sparse_surface.solver.models import cube
+from sparse_surface.solver.processes.child import start_child
 from sparse_surface.solver.progress import Progress, run_to_end
 
 QUICK = Settings(iterations=2, sweeps=0, workers=1)

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from sparse_surface.solver import models
+from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.errors import InputError
-from sparse_surface.solver.mesh import TriangleMesh, build_mesh
-from sparse_surface.solver.triangulation import clip_ears, triangle_areas, triangulate
+from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.mesh.triangulation import clip_ears, triangle_areas, triangulate
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 

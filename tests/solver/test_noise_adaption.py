@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.solver.base_fitting import checked_base
-from sparse_surface.solver.cloud_geometry import analyse
-from sparse_surface.solver.cloud_models import ball, head
-from sparse_surface.solver.cloud_observations import ObservedCloud
-from sparse_surface.solver.noise_adaption import iterations_for_noise, ring_for_noise
-from sparse_surface.solver.projection import project
-from sparse_surface.solver.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.benchmarks.generated_clouds import ball, head
+from sparse_surface.solver.fitting.methods.variable_projection import PROXIMITY_DECAY
+from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.solver.mesh.projection import project
+from sparse_surface.solver.reconstruction.base import checked_base
+from sparse_surface.solver.reconstruction.geometry import analyse
+from sparse_surface.solver.reconstruction.noise import iterations_for_noise, ring_for_noise
+from sparse_surface.solver.reconstruction.observations import ObservedCloud
 from sparse_surface.solver.settings import Settings
-from sparse_surface.solver.variable_projection import PROXIMITY_DECAY
 
 
 def signals(noise: float, seed: int, count: int = 300, size: int = 40):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.models import cube
-from sparse_surface.solver.overlaps import overlap_gaps
+from sparse_surface.solver.surface.overlaps import overlap_gaps
 from synthetic import grid
 
 QUICK = Settings(method="traditional", ring=4, degree=8, sparsity=8, sweeps=0)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import flower, sphere
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.blending import blending_weights
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.initial_domains import initial_domains
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.models import flower, sphere
-from sparse_surface.solver.observations import MeshObservations
-from sparse_surface.solver.overshoot import errors_between
-from sparse_surface.solver.patch_fit import chunk_task, fit_chunk
-from sparse_surface.solver.patches import build_patches
+from sparse_surface.solver.approximation.oscillation import errors_between
+from sparse_surface.solver.fitting.chunks import chunk_task, fit_chunk
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.patches.blending import blending_weights
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.observations import MeshObservations
+from sparse_surface.solver.patches.parameterisation import initial_domains
+from sparse_surface.solver.patches.patches import build_patches
 
 
 @pytest.mark.parametrize("domains", ["common", "separate"])

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar, rosen, rosen_der
 from sklearn.linear_model import orthogonal_mp
-from sparse_surface.solver import Settings, approximate, paper_method
-from sparse_surface.solver.batch import Batch, Problem, build_batch
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.models import cube
-from sparse_surface.solver.paper_method import Iteration, closed_form_f
-from sparse_surface.solver.quasi_newton import minimise
+from sparse_surface.benchmarks.generated_models import cube
+from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.fitting.batch import Batch, Problem, build_batch
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.methods import augmented_lagrangian as paper_method
+from sparse_surface.solver.fitting.methods.augmented_lagrangian import Iteration, closed_form_f
+from sparse_surface.solver.fitting.methods.lbfgs import minimise
 from synthetic import crease, hill, problem
 
 Array = NDArray[np.float64]

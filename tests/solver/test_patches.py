@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import ConvexHull
-from sparse_surface.solver import models
-from sparse_surface.solver.boundary import boundary_loops
-from sparse_surface.solver.cover import build_cover
+from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.errors import InputError
-from sparse_surface.solver.mesh import TriangleMesh, build_mesh
-from sparse_surface.solver.patches import Patches, build_patches, refine_patches
+from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.loops import boundary_loops
+from sparse_surface.solver.patches.patches import Patches, build_patches, refine_patches
 
 HARD = [
     models.tetrahedron,

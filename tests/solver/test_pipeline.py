@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import cube, cylinder, l_solid, moebius, sphere, tetrahedron
 from sparse_surface.solver import InputError, Settings, SettingsError, approximate
-from sparse_surface.solver.models import cube, cylinder, l_solid, moebius, sphere, tetrahedron
 
 REPORT_KEYS = {
     "version": None,
@@ -156,7 +156,7 @@ def test_vertices_of_weight_zero_and_borders_on_request_stay():
     np.testing.assert_array_equal(result.vertices[10:20], vertices[10:20])
     assert np.linalg.norm(result.vertices - vertices, axis=1)[20:].max() > 0.0
     pinned = approximate(vertices, faces, Settings(workers=1, iterations=4, sweeps=0, pin_boundary=True))
-    from sparse_surface.solver.mesh import build_mesh
+    from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 
     mesh = build_mesh(vertices, faces)
     border = np.unique(mesh.node_vertex[mesh.border])

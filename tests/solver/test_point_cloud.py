@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_clouds import Cloud, airplane, ball, box, head, hill, l_solid
 from sparse_surface.solver import (
     CloudSettings,
     InputError,
@@ -18,11 +19,10 @@ from sparse_surface.solver import (
     reconstruct,
     reconstruct_steps,
 )
-from sparse_surface.solver.cloud_models import Cloud, airplane, ball, box, head, hill, l_solid
-from sparse_surface.solver.point_cloud import refuse_flat
+from sparse_surface.solver.mesh.projection import closest_points
 from sparse_surface.solver.progress import FINISH, run_to_end
-from sparse_surface.solver.projection import closest_points
-from sparse_surface.solver.runaway import triangle_grid
+from sparse_surface.solver.reconstruction.oscillation import triangle_grid
+from sparse_surface.solver.reconstruction.reconstruct import refuse_flat
 
 ALONE = Settings(workers=1)
 QUICK = Settings(workers=1, iterations=4)

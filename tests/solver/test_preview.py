@@ -7,16 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.polynomial import polynomial
+from sparse_surface.benchmarks.generated_models import cubetorus
 from sparse_surface.solver import Settings
-from sparse_surface.solver import preview as module
-from sparse_surface.solver.adaptive import with_domains
-from sparse_surface.solver.blending import blending_weights
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.models import cubetorus
-from sparse_surface.solver.patches import build_patches
-from sparse_surface.solver.pipeline import approximate
-from sparse_surface.solver.preview import Preview, quadrics
+from sparse_surface.solver.approximation import preview as module
+from sparse_surface.solver.approximation.approximate import approximate
+from sparse_surface.solver.approximation.preview import Preview, quadrics
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.patches.blending import blending_weights
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.patches import build_patches
+from sparse_surface.solver.patches.splitting import with_domains
 from sparse_surface.solver.progress import Progress
 
 

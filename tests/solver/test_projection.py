@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sparse_surface.solver.cloud_models import ball, box, hill
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.models import sphere
-from sparse_surface.solver.projection import (
+from sparse_surface.benchmarks.generated_clouds import ball, box, hill
+from sparse_surface.benchmarks.generated_models import sphere
+from sparse_surface.solver.mesh.projection import (
     closest_on_triangle,
     closest_points,
     interpolate,
     project,
     vertex_normals,
 )
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 
 
 def samples_on(ends: np.ndarray, steps: int = 60) -> np.ndarray:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sklearn.linear_model import orthogonal_mp
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
 from synthetic import crease, grid, hill
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sparse_surface.benchmarks.generated_models import cube, moebius, tetrahedron
 from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.models import cube, moebius, tetrahedron
-from sparse_surface.solver.resampling import Resampled, resample, resample_steps
-from sparse_surface.solver.triangulation import triangle_areas
+from sparse_surface.solver.mesh.triangulation import triangle_areas
+from sparse_surface.solver.surface.resampling import Resampled, resample, resample_steps
 
 Array = NDArray[np.float64]
 Faces = list[list[int]]

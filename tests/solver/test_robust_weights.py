@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 from scipy.special import huber
-from sparse_surface.solver.robust_weights import TUNING, robust_weights, spread
+from sparse_surface.solver.reconstruction.robust_weights import TUNING, robust_weights, spread
 
 
 def tukey_loss(residual: np.ndarray, limit: float) -> np.ndarray:

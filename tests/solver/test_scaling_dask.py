@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from sparse_surface.solver import Settings, approximate, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings, approximate
 from sparse_surface.solver.progress import Progress
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed")

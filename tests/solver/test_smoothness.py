@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import cube, moebius, sphere
+from sparse_surface.benchmarks.smoothness import Bends, bends
 from sparse_surface.solver import Representation, Settings, approximate
-from sparse_surface.solver.models import cube, moebius, sphere
-from sparse_surface.solver.smoothness import Bends, bends
 
 QUICK = Settings(ring=2, degree=8, sparsity=8, iterations=3, sweeps=0, workers=1)
 MODELS = {"cube": lambda: cube(4), "moebius": lambda: moebius(18, 4)}

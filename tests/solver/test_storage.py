@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sparse_surface.benchmarks.generated_models import cube, tetrahedron
 from sparse_surface.solver import FileFormatError, Representation, Settings, approximate
-from sparse_surface.solver.models import cube, tetrahedron
-from sparse_surface.solver.storage import FORMAT_VERSION, from_bytes, to_bytes
+from sparse_surface.solver.surface.files import FORMAT_VERSION, from_bytes, to_bytes
 
 QUICK = {"ring": 4, "degree": 8, "sparsity": 8, "iterations": 3, "sweeps": 0}
 KINDS: dict[str, dict[str, object]] = {

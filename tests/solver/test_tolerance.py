@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import MODELS, cube, tube
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.adaptive import with_domains
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.initial_domains import domain_quality, initial_domains
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.models import MODELS, cube, tube
-from sparse_surface.solver.patches import build_patches
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.parameterisation import domain_quality, initial_domains
+from sparse_surface.solver.patches.patches import build_patches
+from sparse_surface.solver.patches.splitting import with_domains
 
 
 def independent_error(result, vertices):

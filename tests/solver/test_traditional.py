@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sklearn.linear_model import orthogonal_mp
-from sparse_surface.solver import Settings, approximate, traditional
-from sparse_surface.solver.batch import Problem, build_batch
-from sparse_surface.solver.blending import blending_weights
-from sparse_surface.solver.cover import build_cover
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.initial_domains import initial_domains
-from sparse_surface.solver.mesh import build_mesh
-from sparse_surface.solver.models import cube, cubetorus, cylinder
-from sparse_surface.solver.observations import MeshObservations
-from sparse_surface.solver.patch_fit import patch_problems
-from sparse_surface.solver.patches import build_patches
+from sparse_surface.benchmarks.generated_models import cube, cubetorus, cylinder
+from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.fitting.batch import Problem, build_batch
+from sparse_surface.solver.fitting.chunks import patch_problems
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.methods import fixed_domain as traditional
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.patches.blending import blending_weights
+from sparse_surface.solver.patches.cover import build_cover
+from sparse_surface.solver.patches.observations import MeshObservations
+from sparse_surface.solver.patches.parameterisation import initial_domains
+from sparse_surface.solver.patches.patches import build_patches
 from synthetic import problem
 
 SETTINGS = Settings(method="traditional").resolved()

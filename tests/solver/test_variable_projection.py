@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.solver import batch as batch_module
-from sparse_surface.solver import variable_projection
-from sparse_surface.solver.batch import build_batch
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.variable_projection import (
+from sparse_surface.solver.fitting import batch as batch_module
+from sparse_surface.solver.fitting.batch import build_batch
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.methods import variable_projection
+from sparse_surface.solver.fitting.methods.variable_projection import (
     DETERMINANT_FLOOR,
     State,
     downhill,

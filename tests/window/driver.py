@@ -94,7 +94,7 @@ def add_on() -> str:
 
 
 def module(name: str) -> ModuleType:
-    """Import a module of the extension, such as "operators.running"."""
+    """Import a module of the extension, such as "operators.run.control"."""
     return importlib.import_module(f"{add_on()}.{name}")
 
 
@@ -194,12 +194,12 @@ def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Steps:
 
 def running() -> Any:
     """Return the current run of the extension, or None."""
-    return module("operators.running").current
+    return module("operators.run.control").current
 
 
 def drawn_objects() -> frozenset[int]:
     """Return the session numbers of the objects whose surfaces are drawn while they are being solved."""
-    drawn: frozenset[int] = module("operators.drawn_preview").drawn_objects()
+    drawn: frozenset[int] = module("operators.preview.overlay").drawn_objects()
     return drawn
 
 

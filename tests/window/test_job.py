@@ -129,7 +129,7 @@ def test_the_surface_is_drawn_while_it_is_solved():
 
 def test_a_large_surface_is_drawn_with_fewer_triangles(monkeypatch):
     """And looks like the whole of it."""
-    preview, drawn = driver.module("operators.live_preview"), driver.module("operators.drawn_preview")
+    preview, drawn = driver.module("operators.preview.controller"), driver.module("operators.preview.overlay")
     show, counts, coloured = drawn.show, [], []
 
     def counting_show(source, positions, colours, triangles):
@@ -158,7 +158,7 @@ def test_a_large_surface_is_drawn_with_fewer_triangles(monkeypatch):
 
 def test_previews_of_a_large_mesh_cost_little(monkeypatch):
     """Of Blender's own thread; a quarter of a million vertices took 0.07 s."""
-    preview = driver.module("operators.live_preview").LivePreview
+    preview = driver.module("operators.preview.controller").LivePreview
     update, spent = preview.update, []
 
     def timed_update(self, context):
@@ -181,12 +181,12 @@ def test_a_machine_that_draws_slowly_gets_a_drawing(monkeypatch):
     """Where every redraw of the window takes longer than `QUICK`, by whatever it may be."""
 
     def slow_draw():
-        time.sleep(2.0 * driver.module("operators.live_preview").QUICK)
+        time.sleep(2.0 * driver.module("operators.preview.controller").QUICK)
 
     handle = bpy.types.SpaceView3D.draw_handler_add(slow_draw, (), "WINDOW", "POST_PIXEL")
     try:
-        monkeypatch(driver.module("operators.live_preview"), "REST", 0.0)
-        monkeypatch(driver.module("operators.live_preview"), "draws_by_software", lambda: False)
+        monkeypatch(driver.module("operators.preview.controller"), "REST", 0.0)
+        monkeypatch(driver.module("operators.preview.controller"), "draws_by_software", lambda: False)
         yield from start_job(60, iterations=60)
         yield from driver.wait_for(driver.drawn_objects, 120.0, "drawing")
         while driver.running() is not None:
@@ -211,7 +211,7 @@ def noted_drawings() -> Iterator[list[float]]:
 
 def noted_previews(monkeypatch) -> list[float]:
     """Note when a preview is ready to be drawn."""
-    drawn = driver.module("operators.drawn_preview")
+    drawn = driver.module("operators.preview.overlay")
     show, previews = drawn.show, []
 
     def noted_show(*arguments):
@@ -224,7 +224,7 @@ def noted_previews(monkeypatch) -> list[float]:
 
 def test_blender_is_not_asked_to_draw_by_software(monkeypatch):
     """What is solved is seen when the viewport is drawn for another reason, such as a turned view."""
-    monkeypatch(driver.module("operators.live_preview"), "draws_by_software", lambda: True)
+    monkeypatch(driver.module("operators.preview.controller"), "draws_by_software", lambda: True)
     previews = noted_previews(monkeypatch)
     with noted_drawings() as drawings:
         yield from start_job(180, iterations=60)
@@ -248,7 +248,7 @@ def test_blender_is_not_asked_to_draw_by_software(monkeypatch):
 
 
 def test_blender_is_asked_to_draw_no_more_where_it_turned_out_to_be_slow(monkeypatch):
-    preview = driver.module("operators.live_preview")
+    preview = driver.module("operators.preview.controller")
     for name, value in (("REST", 0.0), ("QUICK", 0.0), ("draws_by_software", lambda: False)):
         monkeypatch(preview, name, value)
     previews = noted_previews(monkeypatch)
@@ -272,7 +272,7 @@ def test_blender_is_asked_to_draw_no_more_where_it_turned_out_to_be_slow(monkeyp
 
 def test_what_a_run_shows_costs_little():
     """Slow previews are seldom, and progress is drawn no more often than it can be read."""
-    preview, status = driver.module("operators.drawn_preview"), driver.module("operators.status")
+    preview, status = driver.module("operators.preview.overlay"), driver.module("operators.run.status")
     draw, show = preview.show, status.show_status
     updates: list[float] = []
     lines: list[str] = []
@@ -311,7 +311,7 @@ def early_error() -> float | None:
     if not early:
         return None
     assert early[0].name == RESULT
-    return float(np.sqrt(np.mean(driver.module("operators.mesh_data").read_error(early[0].data) ** 2)))
+    return float(np.sqrt(np.mean(driver.module("operators.data.meshes").read_error(early[0].data) ** 2)))
 
 
 def test_the_result_object_appears_early_and_improves():
@@ -338,7 +338,7 @@ def test_the_result_object_appears_early_and_improves():
 
 
 def test_the_early_object_gives_way_to_saving_and_to_other_modes(monkeypatch):
-    monkeypatch(driver.module("operators.live_preview"), "REST", 0.0)  # by software a preview takes long
+    monkeypatch(driver.module("operators.preview.controller"), "REST", 0.0)  # by software a preview takes long
     yield from start_job(150, iterations=60, preview_kind="OBJECT")
     yield from driver.wait_for(early_error, 120.0, "early object")
     with tempfile.TemporaryDirectory() as folder:
@@ -383,7 +383,7 @@ def test_the_early_object_becomes_the_result_in_one_undo_step():
 
 def test_an_object_is_shown_where_blender_draws_quickly(monkeypatch):
     """And no longer where it turns out to be slow."""
-    preview = driver.module("operators.live_preview")
+    preview = driver.module("operators.preview.controller")
     for name, value in (("REST", 0.0), ("QUICK", 1000.0), ("SLOW", 1000.0), ("draws_by_software", lambda: False)):
         monkeypatch(preview, name, value)
     yield from start_job(120, iterations=60)
@@ -546,7 +546,7 @@ def test_loading_a_file_ends_it():
         bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
         bpy.ops.wm.open_mainfile(filepath=path)
     yield 0.5
-    assert driver.module("operators.running").notice
+    assert driver.module("operators.run.control").notice
     yield from driver.open_sidebar()
     driver.shot("job_ended_by_loading")
     yield from assert_nothing_left({"Creased"})

@@ -26,7 +26,7 @@ def check_at_exit() -> None:
 
 
 def test_quitting_in_mid_job():
-    running = driver.module("operators.running")
+    running = driver.module("operators.run.control")
     atexit.unregister(running._kill_at_exit)
     atexit.register(check_at_exit)  # the first registered is the last called
     atexit.register(running._kill_at_exit)

@@ -103,7 +103,7 @@ def measure(kind: str, name: str, seconds: float = SECONDS, begin: Callable[[], 
 
 def meter_steps(spent: list[float]) -> None:
     """Note how much processor time each step of the operator takes of Blender's own thread."""
-    solving = driver.module("operators.solving").Solving
+    solving = driver.module("operators.run.operator").Solving
     plain = solving._step
 
     def metered(*arguments):
@@ -190,7 +190,7 @@ def test_the_button_waits_for_no_module():
 
     driver.clear_scene()
     driver.add_creased_grid(60)
-    assert f"{driver.add_on()}.operators.mesh_data" not in loaded()
+    assert f"{driver.add_on()}.operators.data.meshes" not in loaded()
     yield from driver.open_sidebar()
     yield 1.0
     before = loaded()

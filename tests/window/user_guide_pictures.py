@@ -28,7 +28,7 @@ def take_pictures() -> driver.Steps:
     yield 0.5
     driver.shot("guide_panel")
     bpy.context.scene.sparse_surface.preview_kind = "DRAWN"  # as Automatic does it with a graphics card
-    preview = driver.module("operators.live_preview")
+    preview = driver.module("operators.preview.controller")
     preview.REST, rest = 5.0, preview.REST  # there are as many previews as where they are drawn quickly
     driver.approximate()
     yield from driver.wait_for(lambda: driver.running().progress, 120.0, "first word of the solver")

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
-from sparse_surface.solver import Settings, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings
 
 Floats = NDArray[np.floating[Any]]
 Polygons = list[list[int]]

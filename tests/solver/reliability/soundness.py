@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sparse_surface.solver import InputError, Settings, approximate
-from sparse_surface.solver.pipeline import Approximation
-from sparse_surface.solver.storage import from_bytes
+from sparse_surface.solver.approximation.approximate import Approximation
+from sparse_surface.solver.surface.files import from_bytes
 
 Faces = ArrayLike | list[list[int]]
 

@@ -15,7 +15,8 @@ import soundness
 from generated import DAMAGES, SHAPES, Mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sparse_surface.solver import Settings, approximate, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings, approximate
 
 QUICK = Settings(workers=1, iterations=2, sweeps=0, degree=8)
 CHECKOUT = Path(__file__).resolve().parents[3]

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sparse_surface.solver import Settings, approximate, models, patch_fit
-from sparse_surface.solver.pipeline import approximate_steps
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.approximation.approximate import approximate_steps
+from sparse_surface.solver.fitting import chunks as patch_fit
 from sparse_surface.solver.settings import PRESETS
 
 HERE = Settings(workers=1, iterations=2, sweeps=1, degree=8)

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import soundness
 from numpy.typing import NDArray
-from sparse_surface.solver import Settings, approximate, models
-from sparse_surface.solver.batch import Problem, build_batch
-from sparse_surface.solver.dictionary import Dictionary
-from sparse_surface.solver.metrics import surface_error
-from sparse_surface.solver.pursuit import least_squares_pursuit, matching_pursuit
-from sparse_surface.solver.variable_projection import improve, least_squares, solve
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.fitting.batch import Problem, build_batch
+from sparse_surface.solver.fitting.dictionary import Dictionary
+from sparse_surface.solver.fitting.methods.variable_projection import improve, least_squares, solve
+from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.solver.surface.metrics import surface_error
 from synthetic import grid, problem
 
 Array = NDArray[np.float64]

@@ -10,7 +10,8 @@ import pytest
 import soundness
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sparse_surface.solver import Settings, SettingsError, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings, SettingsError
 
 NUMBERS = [item for item in dataclasses.fields(Settings) if "low" in item.metadata]
 CHOICES = [item for item in dataclasses.fields(Settings) if "choices" in item.metadata]

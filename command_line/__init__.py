@@ -1,0 +1,1 @@
+"""The command line: `python -m sparse_surface`, and the same commands inside Blender."""

@@ -1,0 +1,1 @@
+"""Blender's data in and out: meshes, points, attributes, results."""

@@ -1,0 +1,120 @@
+"""The representation that a result object holds, and where it stands on the object's mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from bpy.app.translations import pgettext_rpt as rpt_
+from bpy.types import Object
+from numpy.typing import NDArray
+
+from ...solver.errors import InputError
+from ...solver.surface.files import from_bytes
+from ...solver.surface.representation import Representation
+from . import meshes as mesh_data
+from .result_keys import REPRESENTATION, SPLITS, STRETCH
+
+NEAR = 1e-5
+"""Distance, in longest sides, within which a vertex is where the representation puts it."""
+
+
+def read(holder: Object) -> Representation:
+    """Return the representation that an object holds.
+
+    Raises
+    ------
+    InputError
+        When it holds none.
+    FileFormatError
+        When the stored bytes are damaged.
+    """
+    stored = holder.get(REPRESENTATION)
+    if not isinstance(stored, bytes):
+        raise InputError(
+            rpt_("'{}' holds no representation; approximate its source again to get one.").format(holder.name)
+        )
+    return _parsed(stored, holder.name)
+
+
+@lru_cache(maxsize=2)
+def _parsed(stored: bytes, name: str) -> Representation:
+    """Stepping from patch to patch must not read the whole anew each time."""
+    return from_bytes(stored, rpt_("The representation of '{}'").format(name))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a representation stands in an object's local space: local = points @ linear + offset."""
+
+    linear: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    def to_local(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+        """Return local positions of the representation's points, (N, 3)."""
+        local = np.asarray(points, dtype=np.float64) @ self.linear + self.offset
+        return np.ascontiguousarray(local, dtype=np.float32)
+
+
+def placement(holder: Object, representation: Representation) -> Placement:
+    """Find where the representation stands on the object's mesh.
+
+    Moving, scaling or turning the mesh's vertices together (as Apply Scale does) is followed.
+
+    Raises
+    ------
+    InputError
+        When the mesh was edited otherwise, so that the representation is no longer its own.
+    """
+    edited = InputError(
+        rpt_("The mesh of '{}' was edited; its representation describes another one.").format(holder.name)
+    )
+    if SPLITS in holder:
+        return _placement_of_finer(holder, representation, edited)
+    corners, sizes = mesh_data.read_polygons(holder.data)
+    if len(holder.data.vertices) != len(representation.vertices) or not np.array_equal(
+        np.cumsum(sizes), representation.face_offsets[1:]
+    ):
+        raise edited
+    if not np.array_equal(corners, representation.face_corners):
+        raise edited
+    local = mesh_data.read_positions(holder.data).astype(np.float64)
+    return _found(holder, representation.at_vertices(), local, edited)
+
+
+def _placement_of_finer(holder: Object, representation: Representation, edited: InputError) -> Placement:
+    """Find the place on a mesh that is finer than the representation's: its first vertices are the same."""
+    _, vertices, faces = holder[SPLITS]
+    if (len(holder.data.vertices), len(holder.data.polygons)) != (vertices, faces):
+        raise edited
+    points = representation.at_vertices()
+    local = mesh_data.read_positions(holder.data)[: len(points)].astype(np.float64)
+    return _found(holder, points, local, edited)
+
+
+def _found(holder: Object, points: NDArray[np.float64], local: NDArray[np.float64], edited: InputError) -> Placement:
+    size = float(np.ptp(local, axis=0).max(initial=0.0))
+    for place in (_as_stored(holder), _fitted(points, local)):
+        if np.abs(place.to_local(points) - local).max(initial=0.0) <= NEAR * size:
+            return place
+    raise edited
+
+
+def _as_stored(holder: Object) -> Placement:
+    stretch = holder.get(STRETCH)
+    linear: NDArray[np.float64] = np.eye(3)
+    if stretch is not None:
+        linear = np.linalg.inv(np.array(stretch, dtype=np.float64).reshape(3, 3)).astype(np.float64)
+    return Placement(linear, np.zeros(3))
+
+
+def _fitted(points: NDArray[np.float64], local: NDArray[np.float64]) -> Placement:
+    """Affine map that takes the points to the local positions as well as one can."""
+    centre = points.mean(axis=0)
+    solution, _, rank, _ = np.linalg.lstsq(points - centre, local - local.mean(axis=0), rcond=1e-9)
+    if rank < 3:  # a plane says nothing about the direction across it
+        return Placement(np.zeros((3, 3)), np.full(3, np.inf))
+    linear: NDArray[np.float64] = solution.astype(np.float64)
+    return Placement(linear, local.mean(axis=0) - centre @ linear)

@@ -1,0 +1,1 @@
+"""Mesh and point files, read and written through Blender."""

@@ -1,0 +1,102 @@
+"""Point clouds from files: those that Blender reads, and two kinds whose loose points it leaves out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.types import Object
+from numpy.typing import NDArray
+
+from ...solver.errors import FileFormatError, InputError
+from ..data import meshes as mesh_data
+from ..data import points as cloud_data
+from . import formats as files
+
+TEXT = (".xyz", ".obj")
+READABLE = tuple(dict.fromkeys((*files.READABLE, *TEXT)))
+
+
+def read_points(path: Path, name: str | None = None) -> Object:
+    """Read a file into an empty scene and return one object with all of its points, or of those of one object.
+
+    Raises
+    ------
+    InputError
+        When the file is not there, holds no points, or has no object of that name.
+    FileFormatError
+        When it cannot be read.
+    """
+    if path.suffix.lower() in TEXT and path.is_file():
+        points = _points_of_text(path)
+        bpy.ops.wm.read_homefile(use_empty=True)
+        return _new_object(path.stem, points)
+    found = files.read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud")
+    if name is not None:
+        found = files.named(found, name)
+    if len(found) == 1:
+        return found[0]
+    return _new_object(path.stem, np.concatenate([_world_points(each) for each in found]))
+
+
+def read_base(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
+    """Read a file and return all of its meshes as one: world positions (V, 3), corners (C,), corners of each face (F,).
+
+    Raises
+    ------
+    InputError
+        When the file is not there or holds no mesh.
+    FileFormatError
+        When it cannot be read.
+    """
+    positions, corners, sizes, count = [], [], [], 0
+    for each in files.read_meshes(path):
+        own, numbers = mesh_data.read_polygons(each.data)
+        positions.append(_world_points(each))
+        corners.append(own + count)
+        sizes.append(numbers)
+        count += len(positions[-1])
+    return np.concatenate(positions), np.concatenate(corners).astype(np.int32), np.concatenate(sizes)
+
+
+def create_base(
+    vertices: NDArray[np.float64], corners: NDArray[np.int32], sizes: NDArray[np.int32], name: str
+) -> Object:
+    """Put what `read_base` returned into the scene, hidden from renders."""
+    mesh = mesh_data.create_mesh(name, vertices, corners, sizes)
+    made = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(made)
+    made.hide_render = True
+    return made
+
+
+def _world_points(each: Object) -> NDArray[np.float64]:
+    bpy.context.view_layer.update()
+    points, lengths = cloud_data.read_points(each, bpy.context.evaluated_depsgraph_get())
+    matrix = np.array(each.matrix_world, dtype=np.float64)
+    return lengths.to_local(points) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _points_of_text(path: Path) -> NDArray[np.float64]:
+    """Coordinates of the vertices of an .obj file (lines "v x y z"), or of a file with three or more numbers a line."""
+    is_object = path.suffix.lower() == ".obj"
+    with open(path, encoding="utf-8", errors="replace") as lines:
+        rows = [line.split() for line in lines if not line.lstrip().startswith("#")]
+    if is_object:
+        rows = [row[1:] for row in rows if row[:1] == ["v"]]
+    try:
+        points = np.array([row[:3] for row in rows if row], dtype=np.float64)
+    except ValueError:
+        raise FileFormatError(f"'{path.name}' cannot be read: a line does not begin with three numbers.") from None
+    if not len(points):
+        raise InputError(f"'{path.name}' holds no points.")
+    return points
+
+
+def _new_object(name: str, points: NDArray[np.float64]) -> Object:
+    none = np.zeros(0, dtype=np.int32)
+    made = bpy.data.objects.new(name, mesh_data.create_mesh(name, points, none, none))
+    bpy.context.scene.collection.objects.link(made)
+    bpy.context.view_layer.update()
+    return made

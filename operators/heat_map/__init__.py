@@ -1,0 +1,1 @@
+"""Errors as colours: scale, picture, point shapes."""

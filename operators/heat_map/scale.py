@@ -1,0 +1,56 @@
+"""How errors become colours: the scene's display settings applied to objects with a heat map."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from bpy.types import Object, PropertyGroup, Scene
+
+from ..data.result_keys import ERROR_COLOUR, has_heat_map
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ..data.colours import ColourScale
+
+
+def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
+    """Return the scale that the scene's display settings ask for on these errors."""
+    import numpy as np
+
+    from ..data.colours import ColourScale
+
+    display = scene.sparse_surface.display
+    if display.range_mode == "FIXED":
+        high = display.range_maximum
+    elif display.range_mode == "PERCENTILE":
+        high = float(np.percentile(errors, display.range_percentile)) if len(errors) else 0.0
+    else:
+        high = float(errors.max(initial=0.0))
+    return ColourScale(0.0, high, shown_tolerance(scene))
+
+
+def shown_tolerance(scene: Scene) -> float:
+    """Return the tolerance that errors are shown against, 0 where they are shown on the ramp."""
+    settings: PropertyGroup = scene.sparse_surface
+    if not settings.display.inside_outside:
+        return 0.0
+    return settings.tolerance or settings.display.tolerance
+
+
+def recolour(coloured: Object, scene: Scene) -> None:
+    """Give an object's errors the colours of the scene's display settings."""
+    from ..data import meshes as mesh_data
+
+    errors = mesh_data.read_error(coloured.data)
+    scale = colour_scale(scene, errors)
+    mesh_data.write_layers(coloured.data, {ERROR_COLOUR: scale.colours(errors)})
+    mesh_data.store_scale(coloured, scale)
+
+
+def recolour_scene(scene: Scene) -> None:
+    """Recolour every object of a scene that has a heat map and can be written."""
+    for candidate in scene.objects:
+        if has_heat_map(candidate) and candidate.data.is_editable and candidate.mode == "OBJECT":
+            recolour(candidate, scene)

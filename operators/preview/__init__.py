@@ -1,0 +1,1 @@
+"""The surface shown in the viewport while the solver works."""

@@ -1,0 +1,180 @@
+"""What is shown of a surface while it is being solved: its object, or a drawing over the source where that is slow."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+import bpy
+import gpu
+import numpy as np
+from bpy.types import Context, Scene, SpaceView3D
+from numpy.typing import NDArray
+
+from ..data.colours import ColourScale
+from ..data.viewports import redraw_regions
+from ..heat_map.scale import colour_scale, shown_tolerance
+from . import object as early_object
+from . import overlay as drawn_preview
+from .subset import DrawnPart
+
+if TYPE_CHECKING:
+    from ..data.meshes import Source
+
+NO_VIEWPORT = 1.0
+"""Seconds after which no 3D viewport is expected to be drawn: there may be none."""
+
+USUAL_PERCENTILE = 95.0
+"""Of a source's errors when it is first shown: the upper end of the colours."""
+
+REST = 20.0
+"""How many times as long as a preview held the window up there is none after it."""
+
+QUICK = 1.0 / 30.0
+"""Seconds: where a window with a drawing takes less, an object can be afforded, for which viewports are drawn often."""
+
+SLOW = 0.1
+"""Seconds: where an object takes more after all, the surface is drawn; where drawings do, none is asked for."""
+
+SLOW_IN_A_ROW = 2
+"""So many drawings are slow where drawing is: one may have had its shader compiled, or met something else."""
+
+MOST_TRIANGLES = 200_000
+MOST_BY_SOFTWARE = 20_000
+"""A drawing has no more than so many triangles: more take longer in every picture and show little more in it."""
+
+
+class LivePreview:
+    """What a run shows.
+
+    Parameters
+    ----------
+    kind
+        "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has turned out to draw quickly.  Where it draws
+        slowly, by software in particular, it is not asked to: a drawing is seen when it draws for another reason.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._as_object = kind == "OBJECT"
+        self._automatic = kind == "AUTOMATIC"
+        self._objects_are_slow = False
+        by_software = draws_by_software()
+        self._asks_for_drawing = not (self._automatic and by_software)
+        self._most_triangles = MOST_BY_SOFTWARE if by_software else MOST_TRIANGLES
+        self._parts: dict[int, DrawnPart] = {}
+        self._slow_drawings = 0
+        self._newest: tuple[Source, NDArray[np.float64]] | None = None
+        self._shown = False
+        self._next = 0.0
+        self._to_be_drawn = False
+        self._handle: object | None = None
+        self._usual_error: dict[int, float] = {}
+
+    def take(self, source: Source, positions: NDArray[np.float64]) -> None:
+        """Have the surface at positions (V, 3) in the frame of `source.arrays` shown at the next opportunity."""
+        self._newest, self._shown = (source, positions), False
+
+    def update(self, context: Context) -> bool:
+        """Show what is new, unless something was shown just now; to be called all the time.  Whether that was done."""
+        if self._as_object and context.mode != "OBJECT":  # undo does not know of objects that are made in other modes
+            early_object.remove_all()
+            self._shown = False
+            return False
+        if self._newest is None or self._shown or time.monotonic() < self._next:
+            return False
+        source, positions = self._newest
+        if not (self._as_object or self._part(source).ready):
+            return False
+        self._shown = True
+        began = time.monotonic()
+        if self._as_object:
+            self._show_object(source, positions, context)
+        else:
+            self._draw(source, self._part(source), positions, context)
+        if self._as_object or self._asks_for_drawing:
+            self._rest_once_drawn(began)
+        else:
+            self._rest(began)
+        return True
+
+    def _show_object(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
+        error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
+        early_object.show(source, positions, error, self._scale(context.scene, source, error), context)
+        drawn_preview.discard(source.session_uid)
+
+    def _draw(self, source: Source, part: DrawnPart, positions: NDArray[np.float64], context: Context) -> None:
+        drawn = positions[part.vertices]
+        error = np.linalg.norm(drawn - source.arrays.vertices[part.vertices], axis=1)
+        scale = self._scale(context.scene, source, error)
+        drawn_preview.show(source, drawn, scale.colours(error), part.triangles)
+        if self._asks_for_drawing:
+            redraw_regions(context, "WINDOW")
+
+    def _part(self, source: Source) -> DrawnPart:
+        """Return what is drawn of a source; it is looked for from the first call on."""
+        if source.session_uid not in self._parts:
+            self._parts[source.session_uid] = DrawnPart(source.arrays, self._most_triangles)
+        return self._parts[source.session_uid]
+
+    def clear(self) -> None:
+        """Take back all that is shown."""
+        if self._handle is not None:
+            SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+            self._handle = None
+        drawn_preview.clear()
+        early_object.remove_all()
+
+    def _scale(self, scene: Scene, source: Source, error: NDArray[np.float64]) -> ColourScale:
+        """The scene's scale; where its range is automatic it stays what it first was, so that colours show the gain."""
+        if source.session_uid not in self._usual_error:
+            self._usual_error[source.session_uid] = float(np.percentile(error, USUAL_PERCENTILE))
+        usual = self._usual_error[source.session_uid]
+        if usual == 0.0 or scene.sparse_surface.display.range_mode != "AUTOMATIC":
+            return colour_scale(scene, error)
+        return ColourScale(0.0, usual, shown_tolerance(scene))
+
+    def _rest(self, began: float) -> float:
+        """Keep previews to a small share of the window's time; returns how long this one took until now."""
+        took = time.monotonic() - began
+        self._next = began + (1.0 + REST) * took
+        return took
+
+    def _rest_once_drawn(self, began: float) -> None:
+        """Count the time until the window is drawn as the preview's, too, however long that is on this machine."""
+
+        def drawn() -> float | None:
+            if self._to_be_drawn and time.monotonic() - began < NO_VIEWPORT:
+                return 0.0
+            took = self._rest(began)
+            if not self._to_be_drawn:
+                self._choose(took)
+            return None
+
+        self._next = math.inf
+        self._to_be_drawn = True
+        if self._handle is None:
+            self._handle = SpaceView3D.draw_handler_add(self._note_drawing, (), "WINDOW", "POST_PIXEL")
+        # Of the timer's calls, the first one after a viewport was drawn comes when the whole window has been.
+        bpy.app.timers.register(drawn, first_interval=0.0)
+
+    def _note_drawing(self) -> None:
+        self._to_be_drawn = False
+
+    def _choose(self, seconds: float) -> None:
+        """Choose how to show what comes next by how long the last preview held the window up."""
+        if not self._automatic:
+            return
+        if self._as_object:
+            if seconds > SLOW:
+                self._as_object, self._objects_are_slow = False, True
+                early_object.remove_all()
+            return
+        self._slow_drawings = self._slow_drawings + 1 if seconds > SLOW else 0
+        self._asks_for_drawing = self._slow_drawings < SLOW_IN_A_ROW
+        self._as_object = seconds < QUICK and not self._objects_are_slow
+
+
+def draws_by_software() -> bool:
+    """Whether Blender has no graphics card here: one picture of a viewport takes a tenth of a second or more."""
+    return str(gpu.platform.device_type_get()) == "SOFTWARE"

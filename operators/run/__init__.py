@@ -1,0 +1,1 @@
+"""A solver run in Blender: its state, its operator, its status, its estimate."""

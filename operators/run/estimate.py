@@ -1,0 +1,87 @@
+"""How many patches a mesh will have and how long they will take, said before the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bpy.types import Context, Object
+
+from ...solver.settings import Settings
+
+LARGE_MESH = 300_000
+"""Vertices beyond which the user is warned."""
+
+COVER_EFFICIENCY = 0.5
+"""Share of a centre's (k - 1)-ring that no other patch covers; measured on CAD parts and scans alike."""
+
+MEGABYTES_PER_THOUSAND_VERTICES = 4.0
+
+SETTLED_AFTER = 9
+"""Iterations after which half of the patches have settled on CAD parts and scans alike."""
+
+_seconds_per_work = 4.0e-7
+"""Of a common desktop processor; replaced by what the last run took."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What to expect of a run."""
+
+    patches: int
+    seconds: float
+    gigabytes: float
+
+
+def estimate(vertices: int, settings: Settings) -> Estimate:
+    """Estimate a run on a mesh of so many vertices."""
+    return Estimate(
+        patches=0 if settings.denoise == "only" else _patches(vertices, settings.ring),
+        seconds=_work(vertices, settings) * _seconds_per_work,
+        gigabytes=vertices * MEGABYTES_PER_THOUSAND_VERTICES * 1e-6,
+    )
+
+
+def learn(report: Mapping[str, Any]) -> None:
+    """Take the speed of this machine from the report of a run; tiny ones say nothing."""
+    global _seconds_per_work
+    seconds = report["seconds"]["total"]
+    if seconds > 0.5:
+        _seconds_per_work = seconds / _work(report["input"]["vertices"], Settings.from_dict(report["settings"]))
+
+
+def vertex_count(chosen: Object, context: Context) -> int:
+    """Return the number of vertices that will be read of a mesh object; cheap enough for every redraw.
+
+    Modifiers count as they were evaluated last: a panel that is drawn must not evaluate anything.
+    """
+    depsgraph = context.view_layer.depsgraph
+    if context.scene.sparse_surface.use_modifiers and depsgraph is not None and chosen.mode == "OBJECT":
+        return len(chosen.evaluated_get(depsgraph).data.vertices)
+    return len(chosen.data.vertices)
+
+
+def _patches(vertices: int, ring: int) -> int:
+    inner = 1 + 3 * ring * (ring - 1)  # vertices of a (k - 1)-ring where six edges meet
+    return max(1, round(vertices / (COVER_EFFICIENCY * inner)))
+
+
+def _work(vertices: int, settings: Settings) -> float:
+    """Floating-point work in arbitrary units: observations times functions times steps.
+
+    Taking noise off costs about as much as a default run.
+    """
+    if settings.denoise == "only":
+        return _work(vertices, Settings())
+    if settings.denoise == "first":
+        return _work(vertices, Settings()) + _work(vertices, replace(settings, denoise="off"))
+    overlap = (1 + 3 * settings.ring * (settings.ring + 1)) / (
+        COVER_EFFICIENCY * (1 + 3 * settings.ring * (settings.ring - 1))
+    )
+    domains = 3 if settings.domains == "separate" else 1
+    # Most patches of the default method settle soon after their regularisation is annealed.
+    iterations = min(settings.iterations, SETTLED_AFTER) if settings.method == "default" else settings.iterations
+    steps = (iterations + 4) * (1.0 + 0.2 * settings.sweeps) if settings.method != "traditional" else 2.0
+    functions = settings.sparsity * (1.0 + ((settings.degree + 1) * (settings.degree + 2) / 2) / 120)
+    return vertices * overlap * domains * steps * functions

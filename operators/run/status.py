@@ -1,0 +1,87 @@
+"""What a run shows outside of the sidebar: the status bar's text, and the redraw of the sidebar's progress."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.app.translations import pgettext_rpt as rpt_
+from bpy.types import Context
+
+from ..data.viewports import redraw_regions
+
+if TYPE_CHECKING:
+    from .control import Run
+
+
+SECONDS_BETWEEN_LOOKS = 0.25
+"""Progress is drawn anew no more often than it can be read: even a small part of a window costs drawing all of it."""
+
+
+def show_progress(context: Context, run: Run) -> None:
+    """Draw a run's progress in the status bar and the sidebars, where it differs from what they show."""
+    now = time.monotonic()
+    text = (context.workspace.name if context.workspace is not None else "", status_text(run))
+    if text != run.shown and (run.waiting or now - run.shown_at >= SECONDS_BETWEEN_LOOKS):
+        run.shown, run.shown_at, run.sidebars_behind = text, now, True
+        show_status(context, run)
+    elif run.sidebars_behind:
+        # A picture later: two costly parts in one would hold the window up for twice as long.
+        run.sidebars_behind = False
+        redraw_progress(context)
+
+
+def status_text(run: Run) -> str:
+    """Return one line about a run: object, stage, share done, time left, and how to stop."""
+    if run.waiting:
+        return rpt_("The surface is ready: return to Object Mode to receive it")
+    if run.progress is None:
+        return rpt_("Starting the solver")
+    name = run.current_source.name if run.current_source is not None else ""
+    parts = [name, run.progress.stage, run.progress.detail, f"{run.progress.fraction:.0%}", remaining_text(run)]
+    return "  |  ".join(part for part in [*parts, rpt_("ESC: Cancel")] if part)
+
+
+def remaining_text(run: Run) -> str:
+    """Return how long a run still takes, or nothing where that is not known yet."""
+    seconds = run.remaining_seconds()
+    return "" if seconds is None else rpt_("{} left").format(duration_text(seconds))
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration as a person says it."""
+    if seconds < 60.0:
+        return rpt_("{:.0f} s").format(max(seconds, 1.0))
+    minutes = round(seconds / 60.0)
+    if minutes < 60:
+        return rpt_("{} min").format(minutes)
+    return rpt_("{} h {} min").format(minutes // 60, minutes % 60)
+
+
+def show_status(context: Context, run: Run | None) -> None:
+    """Write a run's line into the status bar; None clears it, in every workspace it was written in."""
+    if run is not None and context.workspace is not None:
+        context.workspace.status_text_set(status_text(run))
+    elif run is None:
+        for workspace in bpy.data.workspaces:
+            workspace.status_text_set(None)
+
+
+def settle_sidebars() -> None:
+    """Redraw the sidebars some more times: Blender moves panels into place only while it redraws them."""
+    left = 5
+
+    def redraw() -> float | None:
+        nonlocal left
+        left -= 1
+        redraw_progress(bpy.context)
+        return 0.1 if left else None
+
+    if not bpy.app.background:
+        bpy.app.timers.register(redraw, first_interval=0.1)
+
+
+def redraw_progress(context: Context) -> None:
+    """Redraw the sidebars of the 3D viewports and nothing else: a viewport may be costly."""
+    redraw_regions(context, "UI")

@@ -1,0 +1,117 @@
+"""The surface while it is being solved: patches that are not fitted yet are shown as quadrics.
+
+A quadric is the least-squares fit of the six polynomials up to degree two over the patch's initial domain.  It rounds
+off every crease, costs next to nothing, and is replaced by the patch itself as soon as that is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import runs_of_rows
+
+if TYPE_CHECKING:
+    from ..fitting.chunks import PatchFit
+    from ..patches.patches import Patches
+    from .sweeps import Blend
+
+Array = NDArray[np.float64]
+
+RIDGE = 1e-9
+"""Added to the diagonal of the normal equations, relative to its mean: a patch may have fewer than six vertices."""
+
+ENTRIES_AT_ONCE = 500_000
+"""Vertices of patches that are worked on together, for little memory."""
+
+
+class Preview:
+    """The blend of the patches at the vertices, whichever of them are there; made when somebody looks."""
+
+    def __init__(self, vertices: Array, patches: Patches, domains: Array, blending: Array) -> None:
+        """Remember what is covered.
+
+        Parameters
+        ----------
+        vertices
+            Vertices of the mesh, (V, 3), scene units.
+        patches
+            The cover.
+        domains
+            Initial domains, (M, 2), scene units.
+        blending
+            Blending weights of the patches, (M,).
+        """
+        self._vertices, self._patches, self._domains, self._blending = vertices, patches, domains, blending
+
+    def of(self, blend: Blend, fits: Sequence[PatchFit | None]) -> Callable[[], Array]:
+        """Return what makes the surface at the vertices, (V, 3), with quadrics for the patches without a fit.
+
+        Parameters
+        ----------
+        blend
+            The surface of the patches with a fit, whose first observations are the vertices.
+        fits
+            What each patch has, (K,).
+        """
+
+        def surface() -> Array:
+            fitted = np.array([fit is not None for fit in fits], dtype=bool)
+            there = np.where(fitted[self._patches.vertex_patch], self._blending, 0.0)
+            share = np.bincount(self._patches.vertices, weights=there, minlength=len(self._vertices))
+            return blend.at_first(len(self._vertices)) + (1.0 - share)[:, None] * self._offsets
+
+        return surface
+
+    @cached_property
+    def _offsets(self) -> Array:
+        """From each vertex to the blend of all quadrics, (V, 3); zero where no patch has weight."""
+        patches = self._patches
+        offsets = np.zeros_like(self._vertices)
+        for first, end in runs_of_rows(patches.vertex_offsets, ENTRIES_AT_ONCE):
+            bounds = patches.vertex_offsets[first : end + 1]
+            own = slice(bounds[0], bounds[-1])
+            points = self._vertices[patches.vertices[own]]
+            towards = self._blending[own, None] * (quadrics(self._domains[own], points, bounds - bounds[0]) - points)
+            for axis in range(3):
+                offsets[:, axis] += np.bincount(patches.vertices[own], towards[:, axis], len(offsets))
+        return offsets
+
+
+def quadrics(domains: Array, points: Array, offsets: NDArray[np.int64]) -> Array:
+    """Return what the least-squares quadric of each patch is at its points, (M, 3).
+
+    Parameters
+    ----------
+    domains, points
+        Where the points lie in the plane, (M, 2), and in space, (M, 3).
+    offsets
+        Where the patches start and end, (K + 1,); none is empty.
+    """
+    starts, sizes = offsets[:-1], np.diff(offsets)
+    patch = np.repeat(np.arange(len(sizes)), sizes)
+    u, v = _normalised(domains, starts, sizes).T
+    basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    functions = basis.shape[1]
+    gram = np.empty((len(sizes), functions, functions))
+    right = np.empty((len(sizes), functions, 3))
+    for i in range(functions):
+        for j in range(i + 1):
+            gram[:, i, j] = gram[:, j, i] = np.add.reduceat(basis[:, i] * basis[:, j], starts)
+        right[:, i] = np.add.reduceat(basis[:, i, None] * points, starts)
+    trace = np.trace(gram, axis1=1, axis2=2)
+    gram[:, range(functions), range(functions)] += RIDGE * trace[:, None] / functions
+    coefficients = np.linalg.solve(gram, right)
+    fitted: Array = np.einsum("ni,nij->nj", basis, coefficients[patch])
+    return fitted
+
+
+def _normalised(domains: Array, starts: NDArray[np.int64], sizes: NDArray[np.int64]) -> Array:
+    """Move and scale each patch's domain to mean 0 and root mean square 1."""
+    centred = domains - np.repeat(np.add.reduceat(domains, starts) / sizes[:, None], sizes, axis=0)
+    spread = np.sqrt(np.add.reduceat((centred**2).sum(axis=1), starts) / sizes)
+    return centred / np.repeat(np.where(spread > 0.0, spread, 1.0), sizes)[:, None]

@@ -1,0 +1,94 @@
+"""Running chunks of patches: in this process, in worker processes, or on any `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from ..fitting.chunks import ChunkTask, PatchFit, fit_chunk
+from ..processes.memory import peak_memory_mb
+from ..processes.pool import WorkerExecutor, physical_cores
+
+TASKS_AHEAD = 2
+"""Tasks that a worker has in hand or waiting; more would only hold memory."""
+
+UNKNOWN_WORKERS = 16
+"""Workers that a foreign executor is taken to have when the settings do not say."""
+
+VERTICES_WORTH_A_WORKER = 2000
+"""A smaller share is done before a new process is ready."""
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who fits chunks of patches.
+
+    Attributes
+    ----------
+    executor
+        Where chunks run; None: in this process.
+    workers
+        How many chunks run at once.
+    """
+
+    executor: Executor | None = None
+    workers: int = 1
+
+    def run(self, tasks: Iterable[ChunkTask]) -> Iterator[tuple[ChunkTask, list[PatchFit]]]:
+        """Fit chunks and yield them with their fits, in the order of the tasks whatever the order of completion.
+
+        Tasks are made as late as possible.  Leaving the iteration early cancels what has not begun.
+        """
+        if self.executor is None:
+            for task in tasks:
+                yield task, fit_chunk(task)
+            return
+        waiting: deque[tuple[ChunkTask, Future[list[PatchFit]]]] = deque()
+        try:
+            for task in tasks:
+                waiting.append((task, self.executor.submit(fit_chunk, task)))
+                if len(waiting) >= TASKS_AHEAD * self.workers:
+                    first, future = waiting.popleft()
+                    yield first, future.result()
+            while waiting:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+    def peak_memory_mb(self) -> float:
+        """Largest resident memory of this process and of worker processes of its own, summed, in megabytes."""
+        workers = self.executor.peak_memory_mb if isinstance(self.executor, WorkerExecutor) else 0.0
+        return peak_memory_mb() + workers
+
+
+@contextmanager
+def crew_for(workers: int, vertices: int, executor: Executor | None = None) -> Iterator[Crew]:
+    """Provide the crew for a mesh; processes started for it end with the block, at once if it is left early.
+
+    Parameters
+    ----------
+    workers
+        `Settings.workers`: 0 for one process for each physical core, fewer on small meshes; 1 for this process alone.
+    vertices
+        Number of vertices of the mesh.
+    executor
+        The caller's own, which is used as it is and lives on; `workers` then says how many chunks it runs at once.
+    """
+    if executor is not None:
+        yield Crew(executor, workers or UNKNOWN_WORKERS)
+        return
+    count = workers or max(1, min(physical_cores(), vertices // VERTICES_WORTH_A_WORKER))
+    if count == 1:
+        yield Crew()
+        return
+    own = WorkerExecutor(count, preload="fitting.chunks")
+    try:
+        yield Crew(own, count)
+    finally:
+        # Nothing waits any more when the work is done, so this kills nothing but what was abandoned.
+        own.shutdown(cancel_futures=True)

@@ -1,0 +1,1 @@
+"""Fitting patches: the dictionary, the pursuit, the domain energy, and the methods that combine them."""

@@ -1,0 +1,278 @@
+"""Fitting chunks of patches: from patches with their domains to sparse coefficients, whatever the method.
+
+A chunk is a pure function of its task, so it may run in any process, in any order, with the same result to the last
+bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from ..patches.blending import fitting_weights
+from ..patches.observations import Observations, PatchObservations
+from ..settings import Settings
+from .batch import Batch, Frame, Problem, build_batch, warm_starts
+from .dictionary import Dictionary
+from .methods import augmented_lagrangian, fixed_domain, variable_projection
+from .solution import Solution
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SWEEP_ITERATIONS = 3
+"""Steps that a patch takes when a sweep re-fits it."""
+
+CHUNK_PROBLEMS = 64
+CHUNK_SIZE = 7_500
+"""Most problems in a chunk, and most vertices and triangles of them: more would not fit into a processor's cache."""
+
+TINY_CHUNK = 4
+"""Problems below which a chunk is not cut: with fewer, Python takes longer than the arithmetic."""
+
+
+@dataclass(frozen=True)
+class ChunkTask:
+    """What a worker needs to fit some patches.
+
+    Attributes
+    ----------
+    patches
+        Numbers of the patches.
+    problems
+        One problem a patch and domain, patch by patch.
+    settings
+        Resolved settings.
+    """
+
+    patches: Indices
+    problems: list[Problem]
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class PatchFit:
+    """One fitted patch; C domains, m vertices, N observations, s functions.
+
+    Attributes
+    ----------
+    frames
+        Frame of each domain.
+    initial_domain, domain
+        In the frames, (C, m, 2).
+    support, coefficients
+        (3, s).
+    values
+        The patch's own surface at its observations, (N, 3), scene units.
+    energy
+        Objective after each iteration, (n,), summed over the domains, in the patch's scale.
+    squared_error
+        Sum over the observations of the squared distance from the data after each iteration, (n,), scene units.
+    history
+        The patch's surface at its vertices after each iteration, (n, m, 3); None unless the settings keep it.
+    """
+
+    frames: list[Frame]
+    initial_domain: Array
+    domain: Array
+    support: Indices
+    coefficients: Array
+    values: Array
+    energy: Array
+    squared_error: Array
+    history: Array | None = None
+
+
+def chunk_task(observations: Observations, domains: Array, settings: Settings, chunk: Indices) -> ChunkTask:
+    """Gather what fitting the patches `chunk` takes.
+
+    Parameters
+    ----------
+    observations
+        What the patches are fitted to.
+    domains
+        Initial domains in scene units, (M, 2).
+    settings
+        Resolved settings.
+    chunk
+        Numbers of the patches.
+    """
+    problems = [p for k in chunk for p in patch_problems(observations, domains, settings, int(k))]
+    return ChunkTask(chunk, problems, settings)
+
+
+def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1, pieces: int = 1) -> list[Indices]:
+    """Sort the patches `which` by size and cut them into chunks that fit into a processor's cache.
+
+    With `pieces` they are at least so many, unless they would become tiny: others wait until all of them are done.
+    The number of workers plays no part, as a chunk's composition decides how sums are rounded.
+    """
+    most = min(CHUNK_PROBLEMS, max(TINY_CHUNK, -(-len(which) * problems_each // pieces)))
+    size = observations.sizes[which]
+    order = which[np.argsort(size, kind="stable")]
+    size = np.sort(size, kind="stable")
+    chunks, start = [], 0
+    for end in range(1, len(order) + 1):
+        if end < len(order):
+            problems = (end + 1 - start) * problems_each
+            if problems <= most and problems * size[end] <= CHUNK_SIZE:
+                continue
+        chunks.append(order[start:end])
+        start = end
+    return chunks
+
+
+def patch_problems(observations: Observations, domains: Array, settings: Settings, patch: int) -> list[Problem]:
+    """Problems of one patch: a single one for x, y, z, or one for each."""
+    return problems_of(observations, observations.of_patch(patch), domains, settings, patch)
+
+
+def problems_of(
+    observations: Observations, own: PatchObservations, domains: Array, settings: Settings, patch: int
+) -> list[Problem]:
+    """Problems of the patch whose observations are `own`."""
+    patches = observations.patches
+    vertices = slice(*patches.vertex_offsets[patch : patch + 2])
+    triangles = patches.triangles[slice(*patches.triangle_offsets[patch : patch + 2])]
+    weights = fitting_weights(own.blending, own.weights, settings.blending)
+    at_vertices, values = observations.vertices[patches.vertices[vertices]], observations.points[own.number]
+    degree = min(settings.degree, own.degree)
+    return [
+        Problem(
+            domains[vertices],
+            triangles,
+            at_vertices[:, part],
+            own.corners,
+            own.shares,
+            values[:, part],
+            weights,
+            degree,
+            own.noise,
+        )
+        for part in ([slice(0, 3)] if settings.domains == "common" else [slice(d, d + 1) for d in range(3)])
+    ]
+
+
+@lru_cache(maxsize=1)
+def _thread_pools() -> ThreadpoolController:
+    """Libraries of this process that keep threads; looking for them takes longer than limiting them."""
+    return ThreadpoolController()
+
+
+def fit_chunk(task: ChunkTask) -> list[PatchFit]:
+    """Fit the patches of a chunk, on one thread; where memory does not suffice, half of them at a time.
+
+    Raises
+    ------
+    MemoryError
+        When it does not suffice for a single patch, with a sentence that says so.
+    """
+    fits = _fit_together(task)
+    if fits is not None:
+        return fits
+    count = len(task.patches)
+    if count == 1:
+        size = len(task.problems[0].domain)
+        raise MemoryError(
+            f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
+        )
+    each, half = len(task.problems) // count, count // 2
+    return [
+        fit
+        for part in (slice(0, half), slice(half, count))
+        for fit in fit_chunk(
+            ChunkTask(task.patches[part], task.problems[each * part.start : each * part.stop], task.settings)
+        )
+    ]
+
+
+def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
+    """Fit all patches of a chunk in one batch; None where memory does not suffice, with nothing held any more."""
+    try:
+        return _fit_batch(task)
+    except MemoryError:
+        return None
+
+
+def _fit_batch(task: ChunkTask) -> list[PatchFit]:
+    settings = task.settings
+    with _thread_pools().limit(limits=1, user_api="blas"):
+        batch = build_batch(task.problems, turn=settings.method == "default")
+        # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
+        dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)
+        solution = _solution(batch, dictionary, task)
+        observed = batch.observed(solution.domain)[:, :, None]
+        fitted = dictionary.sparse_values(solution.support, solution.coefficients, observed)
+    each = len(task.problems) // len(task.patches)
+    return [
+        _patch_fit(batch, solution, fitted, len(task.problems[k].values), slice(k, k + each))
+        for k in range(0, batch.problems, each)
+    ]
+
+
+def _solution(batch: Batch, dictionary: Dictionary, task: ChunkTask) -> Solution:
+    """From scratch, or on from an earlier solution, by the method of the settings."""
+    settings = task.settings
+    if task.problems[0].warm is None:
+        if settings.method == "paper":
+            return augmented_lagrangian.solve(batch, dictionary, settings)
+        if settings.method == "traditional":
+            return fixed_domain.solve(batch, dictionary, settings)
+        return variable_projection.solve(
+            batch,
+            dictionary,
+            sparsity=settings.sparsity,
+            iterations=settings.iterations,
+            beta1=settings.beta1,
+            beta2=settings.beta2,
+            pursuit=settings.pursuit,
+            automatic_sparsity=settings.automatic_sparsity,
+            keep_values=settings.keep_iterations,
+        )
+    domain, support = warm_starts(task.problems, batch.start)
+    iterations = min(SWEEP_ITERATIONS, settings.iterations)
+    if settings.method == "paper":
+        return augmented_lagrangian.improve(batch, dictionary, settings, domain, support, iterations)
+    if settings.method == "traditional":
+        return fixed_domain.improve(batch, dictionary, settings, support)
+    weights = variable_projection.final_weights(settings.iterations, settings.beta1, settings.beta2)
+    return variable_projection.improve(batch, dictionary, domain, support, iterations=iterations, weights=weights)
+
+
+def _patch_fit(batch: Batch, solution: Solution, fitted: Array, observations: int, part: slice) -> PatchFit:
+    """Take the problems `part`, one patch's, out of a batch and back to scene units; `fitted` is (B, D, N)."""
+    size, frames, trace = batch.sizes[part.start], batch.frames[part], solution.trace
+    initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
+    scales = np.array([frame.scale for frame in frames])
+    history = [_in_scene_units(values[part, :, :size], frames) for values in trace.values]
+    return PatchFit(
+        frames,
+        initial,
+        domain,
+        solution.support[part].reshape(3, -1),
+        solution.coefficients[part].reshape(3, -1),
+        _in_scene_units(fitted[part, :, :observations], frames),
+        np.array([energy[part].sum() for energy in trace.energy]),
+        np.array([(squares[part] / scales**2).sum() for squares in trace.squared_error]),
+        np.stack(history) if history else None,
+    )
+
+
+def values_at(fit: PatchFit, observations: PatchObservations, settings: Settings) -> Array:
+    """A fitted patch's own surface at other observations of its triangles, (N, 3), scene units."""
+    dictionary = Dictionary(settings.degree, settings.basis)
+    place = np.einsum("nk,cnkx->xcn", observations.shares, fit.domain[:, observations.corners])
+    count = len(fit.frames)
+    support = fit.support.reshape(count, 3 // count, -1)
+    coefficients = fit.coefficients.reshape(count, 3 // count, -1)
+    return _in_scene_units(dictionary.sparse_values(support, coefficients, place[:, :, None]), fit.frames)
+
+
+def _in_scene_units(values: Array, frames: list[Frame]) -> Array:
+    """Points (N, 3) from values (C, 3 / C, N) in C frames."""
+    parts = [own.T / frame.scale + frame.origin for own, frame in zip(values, frames, strict=True)]
+    return np.ascontiguousarray(np.concatenate(parts, axis=1))

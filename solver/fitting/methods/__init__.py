@@ -1,0 +1,1 @@
+"""The patch methods, one module each."""

@@ -1,0 +1,1 @@
+"""Triangle meshes and the geometry on them: reading polygons, normals, closest points, sampling, clustering."""

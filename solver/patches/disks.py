@@ -1,0 +1,256 @@
+"""Which rings around a centre are topological disks, and how the others become some (paper, section 4).
+
+A ring is the set of triangles that touch the (k - 1)-ring of a vertex, one row of a boolean matrix (patches, mesh
+triangles).  All rings are checked at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, vstack
+from scipy.sparse.csgraph import connected_components
+
+from ..mesh.triangle_mesh import TriangleMesh
+
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+_LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
+_LARGEST_GAP = 0.25  # filled gap, as a share of the patch's triangles
+_MOST_TRIANGLES = 20_000  # a larger ring is made smaller, but where a single vertex has as many
+_CHUNK = 1024  # rings handled together; bounds the memory
+
+
+@dataclass(frozen=True, eq=False)
+class Disks:
+    """K disks: centres as nodes, (K,), radii in edges, (K,), and a row of the (K, T) matrix `members` for each."""
+
+    centres: Integers
+    rings: Integers
+    members: csr_array
+
+    @classmethod
+    def joined(cls, parts: list[Disks], mesh: TriangleMesh) -> Disks:
+        """Return several sets of disks as one."""
+        none = np.zeros(0, dtype=np.int64)
+        empty = csr_array((0, len(mesh.triangles)), dtype=bool)
+        return cls(
+            np.concatenate([none, *(part.centres for part in parts)]),
+            np.concatenate([none, *(part.rings for part in parts)]),
+            csr_array(vstack([empty, *(part.members for part in parts)], format="csr")),
+        )
+
+    def take(self, which: Integers) -> Disks:
+        """Return some of the disks."""
+        return Disks(self.centres[which], self.rings[which], csr_array(self.members[which]))
+
+
+def largest_disks(mesh: TriangleMesh, centres: Integers, ring: int) -> Disks:
+    """Return for each centre the largest ring up to `ring` that is, or can be filled to be, a disk.
+
+    A centre around which not even the smallest ring is a disk has none.
+    """
+    limits = _Limits.of(mesh, ring)
+    parts: list[Disks] = []
+    owners: list[Integers] = []
+    pending = np.arange(len(centres))
+    for radius in range(ring, 0, -1):
+        rows, members = _disks_of_radius(mesh, limits, centres[pending], radius)
+        parts.append(Disks(centres[pending[rows]], np.full(len(rows), radius), members))
+        owners.append(pending[rows])
+        pending = np.delete(pending, rows)
+        if len(pending) == 0:
+            break
+    order = np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *owners]), kind="stable")
+    return Disks.joined(parts, mesh).take(order)
+
+
+def ring_triangles(mesh: TriangleMesh, centres: Integers, ring: int) -> csr_array:
+    """Return the triangles that touch the (ring - 1)-ring of each centre as a (K, T) boolean matrix."""
+    ball = csr_array(
+        (np.ones(len(centres), dtype=bool), centres, np.arange(len(centres) + 1)),
+        shape=(len(centres), mesh.node_count),
+    )
+    for _ in range(ring - 1):
+        ball = ball @ mesh.reach
+    members = csr_array(ball @ mesh.incidence)
+    members.sort_indices()
+    return members
+
+
+def held_nodes(mesh: TriangleMesh, members: csr_array) -> Booleans:
+    """Return the nodes that some patch contains with all of their triangles, (N,)."""
+    held = np.zeros(mesh.node_count, dtype=bool)
+    fan_sizes = np.diff(mesh.fan_offsets)
+    for rows in row_chunks(members):
+        counts = _count(rows, mesh.incidence.T)
+        held[counts.indices[counts.data == fan_sizes[counts.indices]]] = True
+    return held
+
+
+def _count(members: csr_array, what: csr_array) -> csr_array:
+    """Return how many triangles of each patch lie at each node or edge, of which `what` (T, n) tells."""
+    return csr_array(members.astype(np.int32) @ what.astype(np.int32))
+
+
+def row_chunks(members: csr_array) -> list[csr_array]:
+    """Split the rows of a matrix into parts of bounded size."""
+    if members.shape[0] <= _CHUNK:
+        return [members] if members.shape[0] else []
+    return [csr_array(members[low : low + _CHUNK]) for low in range(0, members.shape[0], _CHUNK)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """What a patch may hold.
+
+    `triangles` (C,): of each component at most; `hole` (E,) and `hole_sides` (H,): the hole of the mesh that an edge
+    lies on, -1 on most, and the number of edges around each.  Holes of few edges count as filled.
+    """
+
+    triangles: Integers
+    hole: Integers
+    hole_sides: Integers
+
+    @classmethod
+    def of(cls, mesh: TriangleMesh, ring: int) -> _Limits:
+        component = mesh.component[mesh.nodes[~mesh.collapsed, 0]]
+        total = np.bincount(component, minlength=mesh.component_count)
+        loop, sides = mesh.border_loops
+        on_border = np.flatnonzero(loop >= 0)
+        loop_component = np.zeros(len(sides), dtype=np.int64)
+        loop_component[loop[on_border]] = mesh.component[mesh.edges[on_border, 0]]
+        # A disk with so many border edges can have fewer triangles than their square; a hole lies in more.
+        small = (sides <= 2 * ring) & (total[loop_component] > sides**2)
+        is_open = np.zeros(mesh.component_count, dtype=bool)
+        is_open[loop_component[~small]] = True
+        most = np.where(is_open, total, (_LARGEST_SHARE * total).astype(np.int64))
+        largest_fan = int(np.diff(mesh.fan_offsets).max())
+        hole = loop.copy()
+        hole[on_border[~small[loop[on_border]]]] = -1
+        return cls(np.minimum(most, max(_MOST_TRIANGLES, 2 * largest_fan)), hole, sides)
+
+
+def _disks_of_radius(mesh: TriangleMesh, limits: _Limits, centres: Integers, radius: int) -> tuple[Integers, csr_array]:
+    """Return the centres whose ring of this radius is a disk, as positions, and the rings, filled where need be."""
+    most = limits.triangles[mesh.component[centres]]
+    if radius == 1:
+        most = np.full(len(centres), len(mesh.triangles))
+    members = ring_triangles(mesh, centres, radius)
+    fits = np.diff(members.indptr) <= most
+    good = fits.copy()
+    good[fits] = _are_disks(mesh, limits, csr_array(members[fits]))
+    gappy = np.flatnonzero(fits & ~good)
+    if len(gappy) == 0:
+        return np.flatnonzero(good), csr_array(members[good])
+    filled = _fill_gaps(mesh, csr_array(members[gappy]), centres[gappy], radius)
+    mended = (np.diff(filled.indptr) <= most[gappy]) & _are_disks(mesh, limits, filled)
+    rows = np.concatenate((np.flatnonzero(good), gappy[mended]))
+    return rows, csr_array(vstack([members[good], filled[mended]], format="csr"))
+
+
+def _are_disks(mesh: TriangleMesh, limits: _Limits, members: csr_array) -> Booleans:
+    """Tell which patches are disks: Euler characteristic 1 and a boundary that meets itself nowhere.
+
+    Patches are connected, and around each node there is one fan.  So a boundary with two sides at each of its vertices
+    makes a patch a surface with boundary, and of these only the disk has Euler characteristic 1.
+    """
+    return np.concatenate(
+        [np.zeros(0, dtype=bool), *(_are_disks_in_chunk(mesh, limits, m) for m in row_chunks(members))]
+    )
+
+
+def _are_disks_in_chunk(mesh: TriangleMesh, limits: _Limits, members: csr_array) -> Booleans:
+    count = members.shape[0]
+    vertices = _count(members, mesh.incidence.T)
+    edges = _count(members, mesh.triangle_edge_incidence)
+    row = np.repeat(np.arange(count), np.diff(edges.indptr))
+    on_border = edges.data == 1
+    border_row, border_edge = row[on_border], edges.indices[on_border]
+    ends = border_row[:, None] * np.int64(mesh.node_count) + mesh.edges[border_edge]
+    end, sides = np.unique(ends, return_counts=True)
+    holes, in_holes, longest_hole = _enclosed_holes(limits, count, border_row, border_edge)
+    # A loop around a small hole in a flat surface is longer by six for each ring; the end of a tube is no such hole.
+    shortest = np.where(holes > 0, 2 * longest_hole + 6, 3)
+    bad = np.bincount(border_row, minlength=count) - in_holes < shortest
+    bad[end[sides > 2] // mesh.node_count] = True
+    bad[_rows_with_twin_edges(mesh, row, edges.indices)] = True
+    vertex_count, edge_count, triangle_count = (np.diff(matrix.indptr) for matrix in (vertices, edges, members))
+    good: Booleans = (vertex_count - edge_count + triangle_count + holes == 1) & ~bad
+    return good
+
+
+def _enclosed_holes(limits: _Limits, count: int, row: Integers, edge: Integers) -> tuple[Integers, Integers, Integers]:
+    """Return, for each of `count` patches, its whole holes, the number of their edges, and that of the longest."""
+    on_hole = limits.hole[edge] >= 0
+    width = np.int64(max(len(limits.hole_sides), 1))
+    keys, found = np.unique(row[on_hole] * width + limits.hole[edge[on_hole]], return_counts=True)
+    patch, hole = np.divmod(keys, width)
+    whole = found == limits.hole_sides[hole]
+    patch, sides = patch[whole], found[whole]
+    longest = np.zeros(count, dtype=np.int64)
+    np.maximum.at(longest, patch, sides)
+    total = np.bincount(patch, weights=sides, minlength=count).astype(np.int64)
+    return np.bincount(patch, minlength=count), total, longest
+
+
+def _rows_with_twin_edges(mesh: TriangleMesh, row: Integers, edge: Integers) -> Integers:
+    """Return the patches that have two edges between the same nodes: no straight-edged domain could hold them."""
+    twin = mesh.twin_of_edge[edge] >= 0
+    key = np.sort(row[twin] * np.int64(len(mesh.edges)) + mesh.twin_of_edge[edge[twin]])
+    return key[1:][key[1:] == key[:-1]] // len(mesh.edges)
+
+
+def _fill_gaps(mesh: TriangleMesh, members: csr_array, centres: Integers, ring: int) -> csr_array:
+    """Add to each patch the small regions that it encloses."""
+    around = ring_triangles(mesh, centres, 2 * ring)
+    outside = _difference(around, members)
+    row = np.repeat(np.arange(outside.shape[0]), np.diff(outside.indptr))
+    triangle = outside.indices.astype(np.int64)
+    if len(row) == 0:
+        return members
+    region, leaks = _regions(mesh, around, outside, row, triangle)
+    sizes = np.bincount(region)
+    patch_of_region = np.zeros(len(sizes), dtype=np.int64)
+    patch_of_region[region] = row
+    small = sizes <= np.maximum(_LARGEST_GAP * np.diff(members.indptr), 1)[patch_of_region]
+    add = (small & ~leaks)[region]
+    extra = csr_array((np.ones(int(add.sum()), dtype=bool), (row[add], triangle[add])), shape=members.shape)
+    filled = csr_array(members + extra)
+    filled.sort_indices()
+    return filled
+
+
+def _difference(one: csr_array, two: csr_array) -> csr_array:
+    """Return the entries of a boolean matrix that another one does not have."""
+    difference = csr_array(one.astype(np.int8) - one.multiply(two).astype(np.int8))
+    difference.eliminate_zeros()
+    difference.sort_indices()
+    return difference
+
+
+def _regions(
+    mesh: TriangleMesh, around: csr_array, outside: csr_array, row: Integers, triangle: Integers
+) -> tuple[Integers, Booleans]:
+    """Number the edge-connected regions of `outside`, and tell which of them go on beyond `around`."""
+    width = np.int64(outside.shape[1])
+    key = row * width + triangle
+    both = mesh.edge_triangles[mesh.triangle_edges[triangle]]
+    at_border = both[:, :, 1] < 0
+    neighbour = both.sum(axis=2) - triangle[:, None]
+    wanted = row[:, None] * width + neighbour
+    position = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+    connected = (key[position] == wanted) & ~at_border
+    own = np.broadcast_to(np.arange(len(key))[:, None], connected.shape)
+    graph = coo_array(
+        (np.ones(int(connected.sum()), dtype=np.int8), (own[connected], position[connected])), shape=(len(key),) * 2
+    ).tocsr()
+    count, region = connected_components(graph, directed=False)
+    around_row = np.repeat(np.arange(around.shape[0]), np.diff(around.indptr))
+    known = np.isin(wanted, around_row * width + around.indices)
+    leaks = np.zeros(count, dtype=bool)
+    leaks[region[(~known & ~at_border).any(axis=1)]] = True
+    return region.astype(np.int64), leaks

@@ -1,0 +1,105 @@
+"""Boundaries of patches as ordered loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from ..arrays import offsets_of
+from .patches import Patches
+
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Closed loops of patch vertices.
+
+    Attributes
+    ----------
+    offsets, vertices
+        Loop `i` runs through `vertices[offsets[i]:offsets[i + 1]]`, positions in `Patches.vertices`, in the direction
+        of the patch's orientation and from its lowest; (L + 1,) and (B,).
+    patch
+        Patch of each loop, (L,), ascending.
+    """
+
+    offsets: Integers
+    vertices: Integers
+    patch: Integers
+
+    @property
+    def following(self) -> Integers:
+        """The next vertex on the loop for each entry of `vertices`, (B,)."""
+        following = np.roll(self.vertices, -1)
+        following[self.offsets[1:] - 1] = self.vertices[self.offsets[:-1]]
+        return following
+
+    def select(self, which: Booleans) -> Loops:
+        """Return some of the loops."""
+        sizes = np.diff(self.offsets)
+        return Loops(offsets_of(sizes[which]), self.vertices[np.repeat(which, sizes)], self.patch[which])
+
+
+def boundary_loops(patches: Patches) -> tuple[Loops, Loops]:
+    """Return the outer boundary of each patch, one loop a patch, and the loops around small holes of the mesh."""
+    start, end = _boundary_sides(patches.block_triangles, len(patches.vertices))
+    on_loop = np.sort(start)
+    position = np.full(len(patches.vertices), -1, dtype=np.int64)
+    position[on_loop] = np.arange(len(on_loop))
+    following = np.empty(len(on_loop), dtype=np.int64)
+    following[position[start]] = position[end]
+    loops = _ordered(on_loop, following, patches.vertex_patch[on_loop])
+    sizes = np.diff(loops.offsets)
+    order = np.lexsort((-sizes, loops.patch))
+    outer = np.zeros(len(sizes), dtype=bool)
+    outer[order[np.concatenate(([True], loops.patch[order][1:] != loops.patch[order][:-1]))[: len(order)]]] = True
+    return loops.select(outer), loops.select(~outer)
+
+
+def _boundary_sides(triangles: Integers, vertex_count: int) -> tuple[Integers, Integers]:
+    """Return start and end of the triangle sides that have no opposite side."""
+    start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+    ones = np.ones(len(start), dtype=np.int8)
+    sides = csr_array((ones, (start, end)), shape=(vertex_count, vertex_count))
+    alone = (sides - sides.T).tocoo()
+    rows, columns = alone.coords
+    kept = alone.data > 0
+    return rows[kept].astype(np.int64), columns[kept].astype(np.int64)
+
+
+def _ordered(vertices: Integers, following: Integers, patch: Integers) -> Loops:
+    """Turn a permutation that leads from each vertex to the next into loops."""
+    count = len(vertices)
+    links = coo_array((np.ones(count, dtype=np.int8), (np.arange(count), following)), shape=(count, count)).tocsr()
+    _, label = connected_components(links, directed=False)
+    # Vertices are sorted by patch, so loops numbered by their lowest vertex are too.
+    _, first, loop, sizes = np.unique(label, return_index=True, return_inverse=True, return_counts=True)
+    order = np.argsort(first, kind="stable")
+    number = np.empty(len(first), dtype=np.int64)
+    number[order] = np.arange(len(first))
+    offsets = offsets_of(sizes[order])
+    rank = _rank_in_cycle(following, first[loop])
+    result = np.empty(count, dtype=np.int64)
+    result[offsets[number[loop]] + rank] = vertices
+    return Loops(offsets, result, patch[first[order]])
+
+
+def _rank_in_cycle(following: Integers, first: Integers) -> Integers:
+    """Return how many steps each element is behind the first of its cycle, by doubling the step."""
+    count = len(following)
+    preceding = np.empty(count, dtype=np.int64)
+    preceding[following] = np.arange(count)
+    own = np.arange(count)
+    jump = np.where(own == first, own, preceding)
+    rank = (own != first).astype(np.int64)
+    while True:
+        further = rank + rank[jump]
+        if np.array_equal(further, rank):
+            return rank
+        rank, jump = further, jump[jump]

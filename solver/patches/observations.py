@@ -1,0 +1,199 @@
+"""What the patches are fitted to: observed points, each somewhere in the triangles of the mesh.
+
+For a mesh these are its vertices and the centroids of its triangles; for a point cloud over a base mesh, the projected
+points.  Everything that fits patches or makes them agree sees observations only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..mesh.sampling import SURFACE_SAMPLES
+from ..mesh.triangle_mesh import TriangleMesh
+from .patches import Patches
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ANY_DEGREE = 30
+SMALL_PATCH = 100
+SMALL_PATCH_DEGREE = 7
+CENTROID_WEIGHT = 0.5
+SMALL_PATCH_INSIDE_WEIGHT = 1.5
+"""Small patches have too few vertices to hold a high degree between them."""
+
+CENTROID = np.full((1, 3), 1.0 / 3.0)
+
+
+def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
+    """Return observation weights of the vertices, (V,), or None for ones.
+
+    Raises
+    ------
+    InputError
+        When they are not one number from 0 to 1 for each vertex.
+    """
+    if weights is None:
+        return None
+    checked = np.asarray(weights, dtype=np.float64)
+    if checked.shape != (vertices,) or not ((checked >= 0.0) & (checked <= 1.0)).all():
+        raise InputError("The weights must be one number from 0 to 1 for each vertex.")
+    return checked
+
+
+@dataclass(frozen=True)
+class PatchObservations:
+    """The N observations of one patch.
+
+    Attributes
+    ----------
+    number
+        Which of all observations these are, (N,).
+    corners, shares
+        The patch's vertices that each lies between, and its barycentric coordinates, (N, 3) both.
+    weights
+        Weights of the observations before blending is considered, (N,).
+    blending
+        Blending weight of the patch at each of them, phi, (N,).
+    degree
+        Highest total degree that so many observations can hold.
+    noise
+        Standard deviation of the observed points, scene units.
+    """
+
+    number: Indices
+    corners: Indices
+    shares: Array
+    weights: Array
+    blending: Array
+    degree: int
+    noise: float = 0.0
+
+
+def small_patch_degree(observations: int) -> int:
+    """Highest total degree, at most 7, of which there are at least two observations for each polynomial."""
+    degree = SMALL_PATCH_DEGREE
+    while degree > 0 and (degree + 1) * (degree + 2) > observations:
+        degree -= 1
+    return degree
+
+
+class Observations(Protocol):
+    """All observations, and which of them each patch has.
+
+    Attributes
+    ----------
+    patches
+        The cover.
+    vertices
+        Vertices of the mesh, (V, 3), scene units.
+    points
+        The observed points, (O, 3), scene units.
+    sizes
+        Work that each patch means, as a number of observations, (K,).
+    """
+
+    patches: Patches
+    vertices: Array
+    points: Array
+    sizes: Indices
+
+    def of_patch(self, patch: int) -> PatchObservations:
+        """Observations of one patch."""
+        ...
+
+
+class MeshObservations:
+    """The vertices of a mesh, then the centroids of its triangles, then six points inside the triangles of small
+    patches.
+
+    Without points inside the triangles the surface would oscillate between the vertices; small patches, which have
+    almost as many coefficients as vertices, need more of them.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        patches: Patches,
+        blending: Array,
+        kind: str,
+        weights: Array | None = None,
+        inside: bool = True,
+        dense: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Gather the observations.
+
+        Parameters
+        ----------
+        mesh, patches
+            The cover.
+        blending
+            Blending weights of the patches, (M,).
+        kind
+            "partition" or "uniform".
+        weights
+            Weights of the vertices themselves, (V,); ones where None.
+        inside
+            Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
+        dense
+            Patches that are observed as densely as small ones, (K,).
+        """
+        self._made_of = mesh, patches, blending, kind, weights, inside
+        self.patches, self.vertices = patches, mesh.vertices
+        self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
+        self.blending = blending
+        self._weights = weights
+        self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
+        self._dense = self._small if dense is None else self._small | dense
+        small = np.unique(patches.mesh_triangles[self._dense[patches.triangle_patch]])
+        corners = mesh.vertices[mesh.triangles]
+        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[small]).reshape(-1, 3)
+        self.points = np.concatenate([mesh.vertices, corners.mean(axis=1), dense]) if inside else mesh.vertices
+        self._inside = inside
+        self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
+        self._first_dense[small] = len(mesh.vertices) + len(mesh.triangles) + 6 * np.arange(len(small))
+        overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
+        self._overlap = overlap if kind == "uniform" else None
+
+    def with_dense(self, more: NDArray[np.bool_]) -> MeshObservations:
+        """Return the observations with more of the patches, (K,), observed densely."""
+        return MeshObservations(*self._made_of, dense=self._dense | more)
+
+    def of_patch(self, patch: int) -> PatchObservations:
+        """Observations of one patch: its vertices, then the points inside its triangles."""
+        vertices = slice(*self.patches.vertex_offsets[patch : patch + 2])
+        faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
+        triangles, mesh_triangles = self.patches.triangles[faces], self.patches.mesh_triangles[faces]
+        count = vertices.stop - vertices.start
+        small = bool(self._small[patch])
+        dense = bool(self._dense[patch])
+        samples = SURFACE_SAMPLES if dense else CENTROID
+        samples = samples if self._inside else samples[:0]
+        weight = SMALL_PATCH_INSIDE_WEIGHT if dense else CENTROID_WEIGHT
+        first = self._first_dense[mesh_triangles] if dense else len(self.vertices) + mesh_triangles
+        inside = (first[:, None] + np.arange(len(samples))).ravel()
+        corners = np.empty((count + len(inside), 3), dtype=np.int64)
+        corners[:count] = np.arange(count)[:, None]
+        corners[count:].reshape(len(triangles), -1, 3)[:] = triangles[:, None]
+        shares = np.zeros((len(corners), 3))
+        shares[:count, 0] = 1.0
+        shares[count:].reshape(len(triangles), -1, 3)[:] = samples
+        own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
+        if self._weights is not None:
+            own *= np.einsum("nk,nk->n", self._weights[self.patches.vertices[vertices]][corners], shares)
+        blending = np.einsum("nk,nk->n", self.blending[vertices][corners], shares)
+        if self._overlap is not None:
+            blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
+        return PatchObservations(
+            np.concatenate([self.patches.vertices[vertices], inside]),
+            corners,
+            shares,
+            own,
+            blending,
+            small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE,
+        )

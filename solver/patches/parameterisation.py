@@ -1,0 +1,370 @@
+"""Initial planar domains of patches: least squares conformal maps, harmonic maps and Tutte's embedding (paper, 3.2.1).
+
+All patches are solved together as one block-diagonal sparse system.  A patch whose map turns a triangle over, or
+squeezes one to nothing, gets the next method: conformal, then harmonic with a circle as border, then Tutte's, which
+cannot fail on a disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, solveh_banded
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import splu
+
+from ..arrays import runs_of_rows
+from ..mesh.triangle_mesh import TriangleMesh
+from .loops import Loops, boundary_loops
+from .patches import Patches
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+METHODS = ("lscm", "harmonic", "tutte")
+"""The methods, in the order in which one stands in for the one before it."""
+
+_CHUNK = 20_000  # vertices factorised together; bounds the memory
+_WIDEST_BAND = 80  # beyond that a general sparse factorisation is faster
+_SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
+_UNUSABLE_RATIO = 1e-6
+_SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
+
+
+@dataclass(frozen=True, eq=False)
+class InitialDomains:
+    """Planar domains of all patches.
+
+    Attributes
+    ----------
+    points
+        Domain of each patch vertex, (M, 2), in scene units: each patch is centred and has the area of its surface.
+    method
+        Number in `METHODS` of the method that each patch ended with, (K,).
+    """
+
+    points: Floats
+    method: Integers
+
+
+def initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm") -> Floats:
+    """Return the domain of each patch vertex, (M, 2); see `solve_initial_domains`."""
+    return solve_initial_domains(mesh, patches, method).points
+
+
+def solve_initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm") -> InitialDomains:
+    """Map each patch to the plane without turning a triangle over.
+
+    Parameters
+    ----------
+    method
+        "lscm": least squares conformal map with a free border (Levy et al. 2002); "harmonic": discrete harmonic map
+        with a circle as border, arc by the length of its edges; "tutte": Tutte's embedding in the same circle.
+
+    Returns
+    -------
+    Domains of positive orientation, each centred and scaled to the total area of its triangles in space.
+    """
+    points = np.zeros((len(patches.vertices), 2))
+    chosen = np.zeros(len(patches), dtype=np.int64)
+    for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
+        rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
+        points[rows], chosen[low:high] = _solve_chunk(mesh, patches.select(np.arange(low, high)), METHODS.index(method))
+    return InitialDomains(points, chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class DomainQuality:
+    """How evenly the domains hold their surfaces.
+
+    Attributes
+    ----------
+    squeeze
+        The 2nd percentile of the triangles' area ratio (domain / surface) against the median, (K,): 1 for an isometric
+        domain, small where a finger of the surface lies in a narrow spot of the domain.  Below 0.1 a patch should be
+        split.
+    unusable
+        Domains with a triangle of no area to speak of, (K,).  The tip of a long thin finger gets next to nothing in
+        the domain of the plane that it stands on, by any method.  Such a patch has to be split.
+    """
+
+    squeeze: Floats
+    unusable: Booleans
+
+
+def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Floats) -> DomainQuality:
+    """Tell how evenly each domain, (M, 2), holds its surface."""
+    squeeze, unusable = np.zeros(len(patches)), np.zeros(len(patches), dtype=bool)
+    for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
+        part = patches.select(np.arange(low, high))
+        rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
+        ratio = np.maximum(_area_ratios(_Geometry.of(mesh, part), part, domains[rows]), 0.0)
+        # One sort for all patches: the number of the patch before the point, the ratio squeezed into [0, 1) behind it.
+        ranked = np.sort(part.triangle_patch + ratio / (1.0 + ratio)) - part.triangle_patch
+        first, sizes = part.triangle_offsets[:-1], np.diff(part.triangle_offsets)
+        worst = ranked[first + (0.02 * (sizes - 1)).astype(np.int64)]
+        median = ranked[first + (sizes - 1) // 2]
+        worst, median = worst / (1.0 - worst), median / (1.0 - median)
+        np.divide(worst, median, out=squeeze[low:high], where=median > 0)
+        unusable[low:high] = ranked[first] < _UNUSABLE_RATIO
+    return DomainQuality(squeeze, unusable)
+
+
+def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Floats, Integers]:
+    geometry = _Geometry.of(mesh, patches)
+    points = np.zeros((len(patches.vertices), 2))
+    chosen = np.full(len(patches), method, dtype=np.int64)
+    best = np.full(len(patches), -np.inf)
+    pending = np.arange(len(patches))
+    for number in range(method, len(METHODS)):
+        all_of_them = len(pending) == len(patches)
+        part = patches if all_of_them else patches.select(pending)
+        part_geometry = geometry if all_of_them else geometry.select(patches, pending)
+        rows = np.flatnonzero(np.isin(patches.vertex_patch, pending))
+        found = _scaled(part, part_geometry, _SOLVERS[METHODS[number]](part, part_geometry))
+        worst = np.minimum.reduceat(_area_ratios(part_geometry, part, found), part.triangle_offsets[:-1])
+        better = worst > best[pending]
+        keep = np.repeat(better, np.diff(part.vertex_offsets))
+        points[rows[keep]] = found[keep]
+        best[pending[better]], chosen[pending[better]] = worst[better], number
+        pending = pending[best[pending] < _SMALLEST_RATIO]
+        if len(pending) == 0:
+            break
+    return points, chosen
+
+
+# ----------------------------------------------------------------------------------------------------------- geometry
+
+
+@dataclass(frozen=True, eq=False)
+class _Geometry:
+    """Positions (M, 3) of patch vertices; edge lengths (S, 3), opposite to corner i, and areas (S,) of triangles.
+
+    Lengths are those of the surface, but for patches with needles or collapsed triangles: there every edge is made
+    longer by the little that gives each triangle an area (intrinsic mollification, Sharp and Crane 2020).
+    """
+
+    positions: Floats
+    lengths: Floats
+    areas: Floats
+
+    @classmethod
+    def of(cls, mesh: TriangleMesh, patches: Patches) -> _Geometry:
+        positions = mesh.vertices[patches.vertices]
+        corners = positions[patches.block_triangles]
+        lengths = np.linalg.norm(corners[:, [1, 2, 0]] - corners[:, [2, 0, 1]], axis=2)
+        sizes = np.diff(patches.triangle_offsets)
+        mean = np.add.reduceat(lengths.sum(axis=1), patches.triangle_offsets[:-1]) / (3 * sizes)
+        slack = np.maximum(_SLACK * mean, 1e-12 * mesh.longest_side)
+        lack = np.repeat(slack, sizes) - (lengths.sum(axis=1) - 2 * lengths.max(axis=1))
+        longer = np.maximum(np.maximum.reduceat(lack, patches.triangle_offsets[:-1]), 0.0)
+        lengths = lengths + np.repeat(longer, sizes)[:, None]
+        return cls(positions, lengths, _heron(lengths))
+
+    def select(self, patches: Patches, chosen: Integers) -> _Geometry:
+        in_vertices = np.isin(patches.vertex_patch, chosen)
+        in_triangles = np.isin(patches.triangle_patch, chosen)
+        return _Geometry(self.positions[in_vertices], self.lengths[in_triangles], self.areas[in_triangles])
+
+
+def _heron(lengths: Floats) -> Floats:
+    """Return triangle areas from edge lengths, in Kahan's stable form."""
+    c, b, a = np.sort(lengths, axis=1).T
+    product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
+    return 0.25 * np.sqrt(np.maximum(product, 0.0))
+
+
+def _signed_areas(points: Floats, triangles: Integers) -> Floats:
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    one, two = b - a, c - a
+    areas: Floats = 0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    return areas
+
+
+def _area_ratios(geometry: _Geometry, patches: Patches, domains: Floats) -> Floats:
+    return _signed_areas(domains, patches.block_triangles) / geometry.areas
+
+
+def _scaled(patches: Patches, geometry: _Geometry, points: Floats) -> Floats:
+    """Centre each domain and give it the area of its surface."""
+    sizes = np.diff(patches.vertex_offsets)
+    first, first_triangle = patches.vertex_offsets[:-1], patches.triangle_offsets[:-1]
+    centred = points - np.repeat(np.add.reduceat(points, first) / sizes[:, None], sizes, axis=0)
+    areas = np.add.reduceat(np.abs(_signed_areas(centred, patches.block_triangles)), first_triangle)
+    wanted = np.add.reduceat(geometry.areas, first_triangle)
+    scale = np.sqrt(np.divide(wanted, areas, out=np.zeros_like(areas), where=areas > 0))
+    return centred * np.repeat(scale, sizes)[:, None]
+
+
+# ------------------------------------------------------------------------------------------------------------ methods
+
+
+def _cotangents(geometry: _Geometry) -> Floats:
+    """Return the cotangent of each triangle's angles, (S, 3)."""
+    squared = geometry.lengths**2
+    return (squared.sum(axis=1, keepdims=True) - 2 * squared) / (4 * geometry.areas[:, None])
+
+
+def _laplacian(triangles: Integers, weights: Floats, count: int) -> coo_array:
+    """Return the Laplacian with `weights` (S, 3) on the edges opposite to the triangles' corners."""
+    one, two = triangles[:, [1, 2, 0]].reshape(-1), triangles[:, [2, 0, 1]].reshape(-1)
+    weight = weights.reshape(-1)
+    rows = np.concatenate((one, two, one, two))
+    columns = np.concatenate((two, one, one, two))
+    return coo_array((np.concatenate((-weight, -weight, weight, weight)), (rows, columns)), shape=(count, count))
+
+
+def _solve_lscm(patches: Patches, geometry: _Geometry) -> Floats:
+    """Least squares conformal maps, with two vertices of the border held.
+
+    The energy is that of Dirichlet less the area of the map, which in complex numbers is one Hermitian form in half
+    the unknowns.
+    """
+    triangles = patches.block_triangles
+    count = len(patches.vertices)
+    outer, holes = boundary_loops(patches)
+    start = np.concatenate((outer.vertices, holes.vertices))
+    end = np.concatenate((outer.following, holes.following))
+    laplacian = _laplacian(triangles, 0.5 * _cotangents(geometry), count)
+    turn = np.full(len(start), 0.5j)
+    rows, columns = laplacian.coords
+    energy = coo_array(
+        (
+            np.concatenate((laplacian.data.astype(np.complex128), turn, -turn)),
+            (np.concatenate((rows, start, end)), np.concatenate((columns, end, start))),
+        ),
+        shape=(count, count),
+    ).tocsr()
+    first, second = _far_apart(outer, geometry.positions)
+    values = np.zeros(count, dtype=np.complex128)
+    values[second] = np.linalg.norm(geometry.positions[second] - geometry.positions[first], axis=1)
+    # Two border vertices at the same place still have to be told apart.
+    values[second[values[second] == 0]] = 1.0
+    held = np.zeros(count, dtype=bool)
+    held[first] = held[second] = True
+    solved = _solve_held(csr_array(energy), held, values)
+    return np.stack((solved.real, solved.imag), axis=1)
+
+
+def _solve_harmonic(patches: Patches, geometry: _Geometry) -> Floats:
+    return _inside_circle(patches, geometry, 0.5 * _cotangents(geometry))
+
+
+def _solve_tutte(patches: Patches, geometry: _Geometry) -> Floats:
+    return _inside_circle(patches, geometry, np.full((len(patches.triangles), 3), 0.5))
+
+
+_SOLVERS: dict[str, Callable[[Patches, _Geometry], Floats]] = {
+    "lscm": _solve_lscm,
+    "harmonic": _solve_harmonic,
+    "tutte": _solve_tutte,
+}
+
+
+def _inside_circle(patches: Patches, geometry: _Geometry, weights: Floats) -> Floats:
+    """Lay each outer boundary on a circle by the length of its edges and solve for the inside."""
+    outer, holes = boundary_loops(patches)
+    count = len(patches.vertices)
+    laplacian = _laplacian(patches.block_triangles, weights, count + len(holes.patch))
+    if len(holes.patch):
+        laplacian = laplacian + _hubs(holes, count)
+    values = np.zeros(laplacian.shape[0], dtype=np.complex128)
+    values[outer.vertices] = np.exp(1j * _angles(outer, geometry.positions))
+    held = np.zeros(len(values), dtype=bool)
+    held[outer.vertices] = True
+    solved = _solve_held(csr_array(laplacian), held, values)[:count]
+    return np.stack((solved.real, solved.imag), axis=1)
+
+
+def _angles(outer: Loops, positions: Floats) -> Floats:
+    sizes, first = np.diff(outer.offsets), outer.offsets[:-1]
+    length = np.linalg.norm(positions[outer.following] - positions[outer.vertices], axis=1)
+    mean = np.repeat(np.add.reduceat(length, first) / sizes, sizes)
+    # A border edge of no length would make a triangle of no area.
+    length = np.where(mean > 0, np.maximum(length, 1e-2 * mean), 1.0)
+    total = np.repeat(np.add.reduceat(length, first), sizes)
+    before = np.cumsum(length) - length
+    return 2 * np.pi * (before - np.repeat(before[first], sizes)) / total
+
+
+def _hubs(holes: Loops, count: int) -> coo_array:
+    """Span each hole by a further vertex in its middle, so that it cannot turn inside out."""
+    hub = np.repeat(count + np.arange(len(holes.patch)), np.diff(holes.offsets))
+    weight = np.ones(len(hub))
+    rim, next_on_rim = holes.vertices, holes.following
+    rows = np.concatenate((hub, rim, hub, rim, rim, next_on_rim, rim, next_on_rim))
+    columns = np.concatenate((rim, hub, hub, rim, next_on_rim, rim, rim, next_on_rim))
+    data = np.concatenate((-weight, -weight, weight, weight, *(0.5 * w for w in (-weight, -weight, weight, weight))))
+    total = count + len(holes.patch)
+    return coo_array((data, (rows, columns)), shape=(total, total))
+
+
+def _solve_held(matrix: csr_array, held: Booleans, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Minimise the quadratic form of a Hermitian block-diagonal matrix with some values held."""
+    result = np.where(held, values, 0.0)
+    if held.all():
+        return result
+    ordered = reverse_cuthill_mckee(matrix, symmetric_mode=True)
+    free = ordered[~held[ordered]]
+    result[free] = _solve_positive(matrix, free, -(matrix @ result)[free])
+    return result
+
+
+def _solve_positive(matrix: csr_array, order: Integers, right: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Solve the rows and columns `order` of a positive definite matrix.
+
+    Small patches make a narrow band, in which Cholesky's factorisation is faster than a general sparse one.
+    """
+    position = np.full(matrix.shape[0], -1, dtype=np.int64)
+    position[order] = np.arange(len(order))
+    row, column = np.repeat(position, np.diff(matrix.indptr)), position[matrix.indices]
+    upper = (row >= 0) & (column >= row)
+    row, column = row[upper], column[upper]
+    width = int((column - row).max())
+    if width <= _WIDEST_BAND:
+        band = np.zeros((width + 1, len(order)), dtype=matrix.dtype, order="F")
+        band[width + row - column, column] = matrix.data[upper]
+        try:
+            return _with_real_matrix(lambda sides: solveh_banded(band, sides, check_finite=False), matrix, right)
+        except LinAlgError:
+            pass  # rounding made it indefinite
+    factor = splu(
+        csc_array(matrix[order][:, order]),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return _with_real_matrix(factor.solve, matrix, right)
+
+
+def _with_real_matrix(
+    solve: Callable[[NDArray[Any]], NDArray[Any]], matrix: csr_array, right: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Solve for a complex right side, as two real ones where the matrix is real."""
+    if matrix.dtype.kind == "c":
+        return np.asarray(solve(right), dtype=np.complex128)
+    both = solve(np.stack((right.real, right.imag), axis=1))
+    return np.asarray(both[:, 0] + 1j * both[:, 1], dtype=np.complex128)
+
+
+def _far_apart(outer: Loops, positions: Floats) -> tuple[Integers, Integers]:
+    """Return two border vertices of each patch that are far from each other."""
+    offsets, loops = outer.offsets, outer.vertices
+    sizes = np.diff(offsets)
+    start = loops[offsets[:-1]]
+    for_all = []
+    for _ in range(2):
+        distance = np.linalg.norm(positions[loops] - np.repeat(positions[start], sizes, axis=0), axis=1)
+        order = np.lexsort((-distance, np.repeat(np.arange(len(sizes)), sizes)))
+        farthest = loops[order[offsets[:-1]]]
+        for_all.append(farthest)
+        start = farthest
+    first, second = for_all
+    # All border vertices at one place: take the one half way round.
+    return first, np.where(first == second, loops[offsets[:-1] + sizes // 2], second)

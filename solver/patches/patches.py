@@ -1,0 +1,348 @@
+"""Patches: overlapping k-rings that are topological disks (paper, section 4).
+
+A patch consists of all triangles that touch the (k - 1)-ring of its centre, so its vertices are the k-ring.  One that
+is no disk is repaired: enclosed gaps are filled, then the ring is made smaller; what no patch holds any more is covered
+again by smaller rings.  A small hole of the mesh inside a patch does not count: such a patch has one outer boundary and
+the hole's.  Everything is done for all patches at once; a patch never gets a Python loop of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ..arrays import offsets_of, row_positions
+from ..mesh.triangle_mesh import TriangleMesh, solve_winding
+from ..mesh.triangulation import triangle_areas
+from .cover import build_cover
+from .disks import Disks, held_nodes, largest_disks, row_chunks
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """K patches in ragged arrays: patch k owns `vertices[vertex_offsets[k]:vertex_offsets[k + 1]]` and so on.
+
+    Attributes
+    ----------
+    centres
+        Mesh vertex at the centre of each patch, (K,).
+    rings
+        Radius of each patch in edges, (K,).
+    vertex_offsets, vertices
+        Mesh vertices of the patches, (K + 1,) and (M,).  A vertex of a cut may occur twice in a patch.
+    nodes
+        The same as nodes of the cut mesh, (M,); no node occurs twice in a patch.
+    triangle_offsets, triangles
+        Triangles as local vertex numbers of their patch, (K + 1,) and (S, 3), with one orientation in each patch.
+    mesh_triangles
+        Mesh triangle of each of them, (S,).
+    rim_distance
+        Edges to the rim, (M,): 0 on the rim, that is at vertices with a triangle outside of the patch, and at
+        vertices that are passed through.  An open border of the mesh is no rim.  A patch without a rim has a constant.
+    passed_through
+        Vertices that no patch holds off its rim, (V,).
+    levels
+        How often the surface had to be refined where the patch lies, (K,): finer patches hide coarser ones.
+    """
+
+    centres: Integers
+    rings: Integers
+    vertex_offsets: Integers
+    vertices: Integers
+    nodes: Integers
+    triangle_offsets: Integers
+    triangles: Integers
+    mesh_triangles: Integers
+    rim_distance: Integers
+    passed_through: Booleans
+    levels: Integers
+
+    def __len__(self) -> int:
+        return len(self.centres)
+
+    @property
+    def vertex_patch(self) -> Integers:
+        """Patch of each entry of `vertices`, (M,)."""
+        return np.repeat(np.arange(len(self)), np.diff(self.vertex_offsets))
+
+    @property
+    def triangle_patch(self) -> Integers:
+        """Patch of each entry of `triangles`, (S,)."""
+        return np.repeat(np.arange(len(self)), np.diff(self.triangle_offsets))
+
+    @property
+    def block_triangles(self) -> Integers:
+        """Triangles as positions in `vertices`, (S, 3): all patches as one mesh of separate pieces."""
+        return self.triangles + np.repeat(self.vertex_offsets[:-1], np.diff(self.triangle_offsets))[:, None]
+
+    def select(self, which: Integers | Booleans) -> Patches:
+        """Return some of the patches, in the order given; `passed_through` stays as it is."""
+        chosen = np.arange(len(self))[which]
+        vertex_rows, vertex_offsets = row_positions(self.vertex_offsets, chosen)
+        triangle_rows, triangle_offsets = row_positions(self.triangle_offsets, chosen)
+        return Patches(
+            centres=self.centres[chosen],
+            rings=self.rings[chosen],
+            vertex_offsets=vertex_offsets,
+            vertices=self.vertices[vertex_rows],
+            nodes=self.nodes[vertex_rows],
+            triangle_offsets=triangle_offsets,
+            triangles=self.triangles[triangle_rows],
+            mesh_triangles=self.mesh_triangles[triangle_rows],
+            rim_distance=self.rim_distance[vertex_rows],
+            passed_through=self.passed_through,
+            levels=self.levels[chosen],
+        )
+
+    def passing(self, vertices: Booleans) -> Patches:
+        """Return the patches with further vertices (V,) passed through."""
+        passed = self.passed_through | vertices
+        distance = np.where(passed[self.vertices], 0, self.rim_distance)
+        return replace(self, passed_through=passed, rim_distance=distance)
+
+
+def build_patches(mesh: TriangleMesh, centres: Integers, ring: int) -> Patches:
+    """Build the patches around the centres of a cover, each a disk.
+
+    Every vertex that is not passed through has a positive rim distance in at least one patch; where repairs made
+    patches smaller, that takes more of them than there are centres.
+
+    Parameters
+    ----------
+    centres
+        Nodes that `build_cover` chose for this ring, (K,).
+    ring
+        Largest radius of a patch in edges.
+    """
+    wanted = ~mesh.passed_through[mesh.node_vertex]
+    disks = _cover_with_disks(mesh, centres, ring, wanted)
+    return _assemble(mesh, disks, _unheld(mesh, disks), 0)
+
+
+def refine_patches(
+    mesh: TriangleMesh, patches: Patches, which: Integers | Booleans, ring: int
+) -> tuple[Patches, Booleans]:
+    """Replace some patches by ones of smaller rings that cover the same vertices.
+
+    Vertices that a kept patch holds well inside need no new one.
+
+    Parameters
+    ----------
+    which
+        The patches to be replaced: their numbers, or (K,) booleans.
+    ring
+        Largest radius of the new patches, in edges.
+
+    Returns
+    -------
+    The patches, kept ones first and in their order, and which of them are new.
+    """
+    replaced = np.zeros(len(patches), dtype=bool)
+    replaced[which] = True
+    kept = patches.select(~replaced)
+    depth, old_depth = (_deepest(mesh, part) for part in (kept, patches.select(replaced)))
+    wanted = (old_depth > 0) & (depth < np.minimum(old_depth, max(ring // 2, 1)))
+    disks = _cover_with_disks(mesh, build_cover(mesh, ring, wanted), ring, wanted)
+    unheld = patches.passed_through | _unheld(mesh, disks, depth > 0)
+    new = _assemble(mesh, disks, unheld, 0)
+    return _concatenate(kept, new, unheld), np.arange(len(kept) + len(new)) >= len(kept)
+
+
+def overlay_patches(mesh: TriangleMesh, patches: Patches, wanted: Booleans, ring: int, level: int) -> Patches:
+    """Lay finer patches over a part of the surface; the patches below stay.
+
+    Parameters
+    ----------
+    wanted
+        Vertices that the finer patches must hold off their rims, (V,).
+    ring
+        Largest radius of the new patches, in edges.
+    level
+        Level of the new patches; above those of `patches`, they hide what lies below.
+
+    Returns
+    -------
+    The patches with the new ones behind them.
+    """
+    nodes = (wanted & ~patches.passed_through)[mesh.node_vertex] & mesh.used
+    if not nodes.any():
+        return patches
+    disks = _cover_with_disks(mesh, build_cover(mesh, ring, nodes), ring, nodes)
+    return _concatenate(patches, _assemble(mesh, disks, patches.passed_through, level), patches.passed_through)
+
+
+def _cover_with_disks(mesh: TriangleMesh, centres: Integers, ring: int, wanted: Booleans) -> Disks:
+    """Take the largest disk around each centre; cover what is lost where disks had to be smaller by smaller ones."""
+    parts = []
+    limit = ring
+    remaining = wanted
+    while len(centres):
+        disks = largest_disks(mesh, centres, limit)
+        parts.append(disks)
+        remaining = remaining & ~held_nodes(mesh, disks.members)
+        if limit == 1:
+            break
+        limit = min(limit - 1, int(disks.rings.max(initial=1)))
+        centres = build_cover(mesh, limit, remaining)
+    return Disks.joined(parts, mesh)
+
+
+def _unheld(mesh: TriangleMesh, disks: Disks, held_already: Booleans | None = None) -> Booleans:
+    held = held_nodes(mesh, disks.members)
+    if held_already is not None:
+        held |= held_already
+    unheld = mesh.passed_through.copy()
+    unheld[mesh.node_vertex[mesh.used & ~held]] = True
+    return unheld
+
+
+def _deepest(mesh: TriangleMesh, patches: Patches) -> Integers:
+    """Return the largest rim distance of each node over the patches, (N,)."""
+    deepest = np.zeros(mesh.node_count, dtype=np.int64)
+    np.maximum.at(deepest, patches.nodes, patches.rim_distance)
+    return deepest
+
+
+@dataclass(frozen=True, eq=False)
+class _Local:
+    """Local vertices of some patches.
+
+    `node`, `patch`, `triangle_count`: of the M local vertices, sorted by patch and node; `corners`: (S, 3) positions
+    in them; `row`: patch of each triangle; `mesh_triangle`: (S,).
+    """
+
+    node: Integers
+    patch: Integers
+    triangle_count: Integers
+    corners: Integers
+    row: Integers
+    mesh_triangle: Integers
+    patch_count: int
+
+    @classmethod
+    def of(cls, mesh: TriangleMesh, members: csr_array) -> _Local:
+        row = np.repeat(np.arange(members.shape[0]), np.diff(members.indptr))
+        triangle = members.indices.astype(np.int64)
+        key = (row[:, None] * np.int64(mesh.node_count) + mesh.nodes[triangle]).reshape(-1)
+        keys, corners, count = np.unique(key, return_inverse=True, return_counts=True)
+        patch, node = np.divmod(keys, np.int64(mesh.node_count))
+        return cls(node, patch, count, corners.reshape(-1, 3), row, triangle, members.shape[0])
+
+
+# --------------------------------------------------------------------------------------------------------- assembling
+
+
+def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
+    pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in row_chunks(disks.members)]
+    nodes, sizes, triangles, mesh_triangles, rim_distance = (
+        (np.concatenate(part) for part in zip(*pieces, strict=True)) if pieces else _nothing()
+    )
+    return Patches(
+        centres=mesh.node_vertex[disks.centres],
+        rings=disks.rings,
+        vertex_offsets=offsets_of(sizes),
+        vertices=mesh.node_vertex[nodes],
+        nodes=nodes,
+        triangle_offsets=disks.members.indptr.astype(np.int64),
+        triangles=triangles,
+        mesh_triangles=mesh_triangles,
+        rim_distance=rim_distance,
+        passed_through=passed_through,
+        levels=np.full(len(disks.rings), level, dtype=np.int64),
+    )
+
+
+def _nothing() -> tuple[Integers, Integers, Integers, Integers, Integers]:
+    none = np.zeros(0, dtype=np.int64)
+    return none, none, np.zeros((0, 3), dtype=np.int64), none, none
+
+
+def _assemble_chunk(
+    mesh: TriangleMesh, members: csr_array, passed_through: Booleans
+) -> tuple[Integers, Integers, Integers, Integers, Integers]:
+    """Return nodes, patch sizes, local triangles, mesh triangles and rim distances of some patches."""
+    local = _Local.of(mesh, members)
+    sizes = np.bincount(local.patch, minlength=local.patch_count)
+    first = offsets_of(sizes)[:-1]
+    turned = _winding_in_patches(mesh, local) < 0
+    corners = local.corners.copy()
+    corners[turned] = corners[turned][:, [0, 2, 1]]
+    rim = local.triangle_count < np.diff(mesh.fan_offsets)[local.node]
+    distance = _distance_to_rim(local, rim)
+    distance[passed_through[mesh.node_vertex[local.node]]] = 0
+    return local.node, sizes, corners - first[local.row][:, None], local.mesh_triangle, distance
+
+
+def _winding_in_patches(mesh: TriangleMesh, local: _Local) -> NDArray[np.int8]:
+    winding = mesh.winding[local.mesh_triangle]
+    open_question = np.zeros(local.patch_count, dtype=bool)
+    open_question[local.row[winding == 0]] = True
+    chosen = np.flatnonzero(open_question[local.row])
+    if len(chosen):
+        winding[chosen] = _solve_patch_winding(mesh, local, chosen)
+    return winding
+
+
+def _solve_patch_winding(mesh: TriangleMesh, local: _Local, chosen: Integers) -> NDArray[np.int8]:
+    """Orient the triangles of patches on a surface that as a whole has no orientation."""
+    edge = mesh.triangle_edges[local.mesh_triangle[chosen]]
+    key = (local.row[chosen, None] * np.int64(len(mesh.edges)) + edge).reshape(-1)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order][1:] == key[order][:-1])
+    one, two = order[same], order[same + 1]
+    start = local.corners[chosen].reshape(-1)
+    areas = triangle_areas(mesh.vertices, mesh.triangles[local.mesh_triangle[chosen]])
+    pairs = np.stack((one // 3, two // 3), axis=1)
+    return solve_winding(len(chosen), pairs, start[one] != start[two], areas)
+
+
+def _distance_to_rim(local: _Local, rim: Booleans) -> Integers:
+    """Walk inwards from the rims of all patches at once."""
+    start = local.corners.reshape(-1)
+    end = np.roll(local.corners, -1, axis=1).reshape(-1)
+    reached = rim.copy()
+    distance = np.where(rim, 0, -1)
+    step = 0
+    while True:
+        step += 1
+        wave = reached.copy()
+        wave[end[reached[start]]] = True
+        wave[start[reached[end]]] = True
+        new = wave & ~reached
+        if not new.any():
+            break
+        distance[new] = step
+        reached = wave
+    distance[distance < 0] = 1
+    return distance
+
+
+def _concatenate(one: Patches, two: Patches, passed_through: Booleans) -> Patches:
+    def both(name: str) -> Integers:
+        joined: Integers = np.concatenate((getattr(one, name), getattr(two, name)))
+        return joined
+
+    def offsets(name: str) -> Integers:
+        first, second = getattr(one, name), getattr(two, name)
+        return np.concatenate((first, second[1:] + first[-1]))
+
+    return Patches(
+        centres=both("centres"),
+        rings=both("rings"),
+        vertex_offsets=offsets("vertex_offsets"),
+        vertices=both("vertices"),
+        nodes=both("nodes"),
+        triangle_offsets=offsets("triangle_offsets"),
+        triangles=both("triangles"),
+        mesh_triangles=both("mesh_triangles"),
+        rim_distance=both("rim_distance"),
+        passed_through=passed_through,
+        levels=both("levels"),
+    )

@@ -1,0 +1,61 @@
+"""The script of every child process: loads this folder as a package of its own name and runs one of its modules.
+
+It is started by its path because the package's name is not importable everywhere: Blender knows an
+extension as ``bl_ext...``, which exists only inside Blender.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+
+PACKAGE = "sparse_surface_solver"
+
+
+def load_solver(folder: Path) -> ModuleType:
+    """Load `folder` as the package `PACKAGE` and return it; once loaded, `import` finds it by that name."""
+    if PACKAGE not in sys.modules:
+        spec = importlib.util.spec_from_file_location(
+            PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
+        )
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{folder} is no package")
+        package = importlib.util.module_from_spec(spec)
+        sys.modules[PACKAGE] = package
+        spec.loader.exec_module(package)
+    return sys.modules[PACKAGE]
+
+
+def give_way() -> None:
+    """Leave the processors to whoever else wants them, an owner's window above all; what this starts inherits it.
+
+    On Linux the lowest nice value would not do: a thread that wakes up still waits for the end of this process's time
+    slice, and drawing one picture wakes threads dozens of times.  Idle processes are interrupted at once.
+    """
+    if sys.platform == "win32":
+        return  # its owner started it with a lower priority
+    os.nice(10)
+    if hasattr(os, "SCHED_IDLE"):
+        with suppress(OSError):  # forbidden in some containers
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+def main(text: str) -> int:
+    """Carry out the order that `child.start_child` wrote; the owner's module search path comes first of all."""
+    order = json.loads(text)
+    if order["gives_way"]:
+        give_way()
+    sys.path[:] = order["module_search_path"]
+    load_solver(Path(__file__).resolve().parent.parent)
+    status: int = importlib.import_module(f"{PACKAGE}.{order['module']}").serve(*order["arguments"])
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,183 @@
+"""The base mesh under a point cloud: checked, wound consistently, drawn to the points and on to their creases.
+
+The base only carries the parameters: where its vertices are does not matter for what the patches can represent.  But
+points are projected on it and domains are unfolded from it, which goes the better the closer it lies; and a domain
+transformation bends along the base's edges, so these had better lie along the creases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from ..errors import InputError
+from ..mesh.projection import closest_points, project
+from ..mesh.triangle_mesh import TriangleMesh, build_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STIFFNESS = 0.2
+"""Weight of neighbours' equal displacement, as a share of the points that a vertex has on average."""
+
+ROUNDS = 2
+POINTS_A_VERTEX = 40
+"""As many points as that are enough to draw a vertex into place."""
+
+POINTS_ASKED = 2000
+FARTHEST = 0.25
+"""A base is refused when half of the points lie farther from it than this share of the cloud's longest side."""
+
+REACH = 0.5
+APART = 0.45
+"""A vertex moves on to a crease at most so many mean edges away, when no neighbour went so near the same place."""
+
+LEAST_TURN = 0.3
+"""Cosine of the largest angle by which such a move may turn a triangle."""
+
+
+def checked_base(vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]) -> TriangleMesh:
+    """Build a base whose faces are wound consistently.
+
+    Raises
+    ------
+    InputError
+        When it is no mesh, or is not manifold.
+    """
+    mesh = build_mesh(vertices, faces)
+    sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, count = np.unique(sides, axis=0, return_counts=True)
+    if count.max() > 2:
+        raise InputError(f"The base is not manifold: {int((count > 2).sum())} edges belong to more than two triangles.")
+    if mesh.node_count > len(mesh.vertices):
+        raise InputError("The base is not manifold: parts of it meet at single vertices.")
+    turned = np.zeros(mesh.polygon_count, dtype=bool)
+    turned[mesh.polygon[mesh.winding < 0]] = True
+    if not turned.any():
+        return mesh
+    polygons = np.split(mesh.face_corners, mesh.face_offsets[1:-1])
+    return build_mesh(
+        mesh.vertices, [face[::-1] if turn else face for face, turn in zip(polygons, turned, strict=True)]
+    )
+
+
+def refuse_distant(points: Array, mesh: TriangleMesh) -> None:
+    """Refuse a base that has nothing to do with the cloud.
+
+    Raises
+    ------
+    InputError
+        When it lies far from most points.
+    """
+    asked = _some(points, POINTS_ASKED)
+    feet = closest_points(points[asked], mesh.vertices, mesh.triangles)
+    away = float(np.median(np.linalg.norm(feet.on(mesh.vertices, mesh.triangles) - points[asked], axis=1)))
+    size = float(np.ptp(points, axis=0).max())
+    if away > FARTHEST * size:
+        raise InputError(
+            f"The base is far from the points: half of them are more than {away:.3g} away from it, "
+            f"in a cloud {size:.3g} long."
+        )
+
+
+def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> TriangleMesh:
+    """Move the base's vertices so that its flat triangles come near the points: penalised least squares.
+
+    Minimises sum w |p - x(p)|^2 with x(p) the point's place on the base, plus the squared differences of neighbours'
+    displacements, and projects anew; so vertices without points move along with their neighbours (Hoppe et al. 1993).
+
+    Parameters
+    ----------
+    points, weights
+        (P, 3) and (P,).
+    """
+    start, end = mesh.edges.T
+    count = len(mesh.vertices)
+    asked = _some(points, POINTS_A_VERTEX * count)
+    points, weights = points[asked], weights[asked]
+    incidence = sp.csr_matrix(
+        (
+            np.repeat([1.0, -1.0], len(start)),
+            (np.tile(np.arange(len(start)), 2), mesh.node_vertex[np.concatenate([start, end])]),
+        ),
+        shape=(len(start), count),
+    )
+    stiffness = STIFFNESS * weights.sum() / count * (incidence.T @ incidence)
+    fitted = mesh
+    for _ in range(ROUNDS):
+        feet = project(points, fitted)
+        row = np.repeat(np.arange(len(points)), 3)
+        place = sp.csr_matrix(
+            (feet.barycentric.ravel(), (row, mesh.triangles[feet.triangle].ravel())), shape=(len(points), count)
+        )
+        weighted = place.T @ sp.diags(weights)
+        matrix = weighted @ place + stiffness
+        matrix += sp.identity(count) * (1e-9 * matrix.diagonal().mean() + 1e-300)
+        move = splu(matrix.tocsc()).solve(weighted @ (points - place @ mesh.vertices))
+        fitted = _without_folds(mesh, mesh.vertices + move)
+    return fitted
+
+
+def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
+    """Move vertices on to the nearest crease where one passes near, so that edges come to lie along it.
+
+    The nearest go first; one whose neighbour has already taken the place stays, as does one whose move would fold the
+    base.
+
+    Parameters
+    ----------
+    creases
+        Points on the creases, (C, 3).
+    """
+    if not len(creases):
+        return mesh
+    start, end = mesh.node_vertex[mesh.edges].T
+    length = np.linalg.norm(mesh.vertices[start] - mesh.vertices[end], axis=1)
+    count = np.bincount(start, minlength=len(mesh.vertices)) + np.bincount(end, minlength=len(mesh.vertices))
+    total = np.bincount(start, length, len(mesh.vertices)) + np.bincount(end, length, len(mesh.vertices))
+    edge = total / np.maximum(count, 1)
+    distance, nearest = cKDTree(creases).query(mesh.vertices)
+    wanted = np.flatnonzero(distance < REACH * edge)
+    vertices, moved = mesh.vertices.copy(), np.zeros(len(mesh.vertices), dtype=bool)
+    for vertex in wanted[np.argsort(distance[wanted] / edge[wanted], kind="stable")]:
+        target = creases[nearest[vertex]]
+        around = mesh.adjacency.indices[mesh.adjacency.indptr[vertex] : mesh.adjacency.indptr[vertex + 1]]
+        rivals = around[moved[around]]
+        if (np.linalg.norm(vertices[rivals] - target, axis=1) < APART * edge[vertex]).any():
+            continue
+        triangles = mesh.triangles[mesh.fan_triangles[mesh.fan_offsets[vertex] : mesh.fan_offsets[vertex + 1]]]
+        before = _normals(vertices, triangles)
+        old, vertices[vertex] = vertices[vertex].copy(), target
+        if ((before * _normals(vertices, triangles)).sum(axis=1) < LEAST_TURN).any():
+            vertices[vertex] = old
+        else:
+            moved[vertex] = True
+    return replace(mesh, vertices=vertices)
+
+
+def _some(points: Array, count: int) -> Indices:
+    """Numbers of at most so many of the points, spread over all of them."""
+    return np.unique(np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64))
+
+
+def _without_folds(mesh: TriangleMesh, vertices: Array) -> TriangleMesh:
+    """Move the vertices as far towards new places as no triangle turns over."""
+    before = _normals(mesh.vertices, mesh.triangles)
+    for share in (1.0, 0.5, 0.25, 0.125):
+        moved = mesh.vertices + share * (vertices - mesh.vertices)
+        if ((before * _normals(moved, mesh.triangles)).sum(axis=1) > 0.0).all():
+            return replace(mesh, vertices=moved)
+    return mesh
+
+
+def _normals(vertices: Array, triangles: Indices) -> Array:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)

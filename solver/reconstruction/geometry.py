@@ -1,0 +1,189 @@
+"""What a point cloud tells of its surface before anything is fitted: density, noise, normals, creases.
+
+Everything is taken from each point's nearest neighbours.  At a crease the neighbourhood of a point reaches over to the
+other side and its plane of least squares lies askew; so each point takes the plane of that neighbour whose own
+neighbourhood is the flattest (the filter of Kuwahara et al. 1976, on normals), which is on the point's side.  Where
+neighbours then disagree there is a crease, and it lies where their planes meet: the least squares of the distances from
+them all (Garland, Heckbert 1997; Ju et al. 2002).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..mesh.grid_cells import one_in_each_cell
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+NEIGHBOURS = 16
+NEAREST = 13
+"""Points, with itself, whose neighbourhoods a point may take over."""
+
+NOISE_NEIGHBOURS = 24
+NOISE_SAMPLES = 4000
+NOISE_QUANTILE, NOISE_AT_QUANTILE = 0.25, 0.8717
+"""Up to three quarters of the neighbourhoods may reach over creases; root of the quantile of chi squared / n for n =
+18."""
+
+SHARPEST = np.cos(np.radians(35.0))
+"""Normals that differ by more than this angle belong to two sides of a crease."""
+
+SIDE = 3
+"""Neighbours that a side of a crease must have."""
+
+FLAT = 0.05
+"""Directions with less than this share of the largest eigenvalue are not held by planes."""
+
+BENT = 0.03
+"""At a crease a neighbourhood deviates from a quadric by at least this share of the spacing; a smooth bend that few
+points resolve, like that of a small sphere, does not."""
+
+FARTHEST = 1.6
+"""How far a point may lie from the crease that it stands for, in spacings."""
+
+SPARSEST = 3.0
+"""Nor so many times farther from its neighbours than usual."""
+
+NOISIEST = 0.5
+"""With noise above this share of the spacing no crease is looked for."""
+
+
+@dataclass(frozen=True)
+class CloudGeometry:
+    """Local geometry of a point cloud.
+
+    Attributes
+    ----------
+    spacing
+        Typical distance between neighbouring points.
+    noise
+        Standard deviation of the points from a smooth surface, across it.
+    normals
+        Unit normals without a sense, (P, 3); one-sided at creases.
+    creases
+        Points on sharp edges and corners, about as dense as the cloud, (C, 3).
+    """
+
+    spacing: float
+    noise: float
+    normals: Array
+    creases: Array
+
+
+def analyse(points: Array) -> CloudGeometry:
+    """Analyse a cloud of at least four points, (P, 3)."""
+    tree = cKDTree(points)
+    distance, near = tree.query(points, k=min(NEIGHBOURS, len(points)))
+    spacing = typical_spacing(distance)
+    noise = noise_level(points, tree)
+    normals = one_sided_normals(points, near)
+    creases = np.zeros((0, 3))
+    if noise <= NOISIEST * spacing:
+        creases = crease_points(points, normals, near, distance, spacing, noise)
+    return CloudGeometry(spacing, noise, normals, creases)
+
+
+def typical_spacing(distance: Array) -> float:
+    """Side of the square that a point has to itself, from sorted distances to its neighbours (P, k), the median of
+    all.
+    """
+    rank = min(8, distance.shape[1] - 1)
+    return float(np.median(distance[:, rank]) * np.sqrt(np.pi / rank))
+
+
+def noise_level(points: Array, tree: cKDTree) -> float:
+    """Standard deviation of points from quadrics fitted to their neighbours: a low quantile over the cloud.
+
+    A surface that bends more within a neighbourhood than a quadric counts as noise: what the points do not resolve
+    cannot be told from it.
+    """
+    count = min(NOISE_NEIGHBOURS, len(points))
+    if count < 10:
+        return 0.0
+    asked = np.unique(np.linspace(0, len(points) - 1, min(NOISE_SAMPLES, len(points))).astype(np.int64))
+    deviation = deviation_from_quadric(points[tree.query(points[asked], k=count)[1]])
+    return float(np.quantile(deviation, NOISE_QUANTILE)) / NOISE_AT_QUANTILE
+
+
+def deviation_from_quadric(near: Array) -> Array:
+    """Standard deviation of neighbourhoods (N, n, 3), n > 6, from the quadrics of least squares through them, (N,)."""
+    centred = near - near.mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(np.matmul(centred.swapaxes(1, 2), centred))
+    local = np.matmul(centred, axes[:, :, ::-1])
+    size = np.abs(local[..., :2]).max(axis=(1, 2), initial=0.0)
+    u, v = np.moveaxis(local[..., :2] / np.where(size > 0.0, size, 1.0)[:, None, None], 2, 0)
+    functions = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=2)
+    basis, _ = np.linalg.qr(functions)
+    height = local[..., 2]
+    left = height - np.matmul(basis, np.matmul(basis.swapaxes(1, 2), height[:, :, None]))[:, :, 0]
+    deviation: Array = np.sqrt((left**2).sum(axis=1) / (near.shape[1] - 6))
+    return deviation
+
+
+def one_sided_normals(points: Array, near: Indices) -> Array:
+    """Normals (P, 3), each from the flattest neighbourhood that a point is in the middle of."""
+    normals, flatness, centres = _planes(points, near)
+    rivals = near[:, : min(NEAREST, near.shape[1])]
+    off = ((points[:, None] - centres[rivals]) * normals[rivals]).sum(axis=2)
+    best = (flatness[rivals] + off**2).argmin(axis=1)
+    chosen: Array = normals[rivals[np.arange(len(points)), best]]
+    return chosen
+
+
+def _planes(points: Array, near: Indices) -> tuple[Array, Array, Array]:
+    """Planes of least squares through the neighbours: normals (P, 3), mean squared distances (P,), centres (P, 3)."""
+    around = points[near]
+    centres = around.mean(axis=1)
+    around = around - centres[:, None]
+    values, axes = np.linalg.eigh(np.matmul(around.swapaxes(1, 2), around))
+    return axes[:, :, 0], np.maximum(values[:, 0], 0.0) / near.shape[1], centres
+
+
+def crease_points(points: Array, normals: Array, near: Indices, distance: Array, spacing: float, noise: float) -> Array:
+    """Points where planes of neighbours meet, thinned to about the density of the cloud, (C, 3).
+
+    Parameters
+    ----------
+    points, normals
+        The cloud with one-sided normals, (P, 3).
+    near, distance
+        Neighbours of each point, itself first, and how far they are, (P, k).
+    spacing, noise
+        See `CloudGeometry`.
+    """
+    agreement = np.abs((normals[near] * normals[:, None]).sum(axis=2))
+    on_crease = np.flatnonzero(
+        ((agreement < SHARPEST).sum(axis=1) >= SIDE) & ((agreement >= SHARPEST).sum(axis=1) >= SIDE)
+    )
+    if len(on_crease) and near.shape[1] > 6:
+        bent = deviation_from_quadric(points[near[on_crease]]) > BENT * spacing
+        on_crease = on_crease[bent]
+    if not len(on_crease):
+        return np.zeros((0, 3))
+    start, around, facing = points[on_crease], points[near[on_crease]], normals[near[on_crease]]
+    matrix = np.matmul(facing.swapaxes(1, 2), facing)
+    height = (facing * (around - start[:, None])).sum(axis=2)
+    target = (facing * height[:, :, None]).sum(axis=1)
+    values, axes = np.linalg.eigh(matrix)
+    held = values > FLAT * values[:, 2:]
+    inverse = np.where(held, 1.0 / np.where(held, values, 1.0), 0.0)
+    move = np.matmul(axes, (inverse * np.matmul(axes.swapaxes(1, 2), target[:, :, None])[:, :, 0])[:, :, None])[:, :, 0]
+    left = np.sqrt((((move[:, None] * facing).sum(axis=2) - height) ** 2).mean(axis=1))
+    local = np.maximum(distance[on_crease, min(8, distance.shape[1] - 1)], spacing)
+    good = (np.linalg.norm(move, axis=1) < FARTHEST * local) & (left < 0.15 * local + noise) & held[:, 1]
+    # Where points are much sparser than elsewhere a smooth bend looks like a crease.
+    good &= local < SPARSEST * spacing
+    return thinned((start + move)[good], 0.5 * spacing)
+
+
+def thinned(points: Array, cell: float) -> Array:
+    """One of the points in each cell of a grid, that nearest to their mean, in the order of the cells."""
+    if not len(points):
+        return points
+    chosen: Array = points[one_in_each_cell(points, cell)[0]]
+    return chosen

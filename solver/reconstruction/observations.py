@@ -1,0 +1,175 @@
+"""Points over a base mesh as observations of the patches (section 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import offsets_of, row_positions
+from ..mesh.projection import Footpoints
+from ..mesh.sampling import SURFACE_SAMPLES
+from ..mesh.triangle_mesh import TriangleMesh
+from ..patches.observations import PatchObservations
+from ..patches.patches import Patches
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+POINTS_A_FUNCTION = 2.5
+"""A patch may use the polynomials of total degree t when it has so many points for each of them."""
+
+SCARCE = 4
+"""A triangle with fewer observations gets fillers."""
+
+FILLER_WEIGHT = 0.1
+"""Weight of each of a triangle's six, beside that of a point."""
+
+
+@dataclass(frozen=True)
+class ObservedCloud:
+    """Observed points with their places on the base.
+
+    Attributes
+    ----------
+    points
+        (O, 3), scene units: the cloud first, then what was added to it.
+    feet
+        Where each lies on the base.
+    weights
+        (O,).
+    noise
+        Standard deviation of the points across the surface.
+    """
+
+    points: Array
+    feet: Footpoints
+    weights: Array
+    noise: float
+
+    def moved(self, feet: Footpoints, weights: Array) -> ObservedCloud:
+        """The same points at other places of the base, with other weights; both may be of the first points only."""
+        count = len(weights)
+        triangle, barycentric = self.feet.triangle.copy(), self.feet.barycentric.copy()
+        triangle[:count], barycentric[:count] = feet.triangle[:count], feet.barycentric[:count]
+        return replace(
+            self,
+            feet=Footpoints(triangle, barycentric),
+            weights=np.concatenate([weights, self.weights[count:]]),
+        )
+
+
+def fillers(cloud: ObservedCloud, mesh: TriangleMesh) -> Footpoints:
+    """Places in the triangles that have hardly any points: without an observation there the surface could run away."""
+    weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
+    scarce = np.flatnonzero(weights < SCARCE)
+    return Footpoints(np.repeat(scarce, len(SURFACE_SAMPLES)), np.tile(SURFACE_SAMPLES, (len(scarce), 1)))
+
+
+def filled(cloud: ObservedCloud, feet: Footpoints, points: Array) -> ObservedCloud:
+    """Observe fillers at these places and points too, with little weight."""
+    return replace(
+        cloud,
+        points=np.concatenate([cloud.points, points]),
+        feet=Footpoints(
+            np.concatenate([cloud.feet.triangle, feet.triangle]),
+            np.concatenate([cloud.feet.barycentric, feet.barycentric]),
+        ),
+        weights=np.concatenate([cloud.weights, np.full(len(points), FILLER_WEIGHT)]),
+    )
+
+
+class CloudObservations:
+    """Which of the observed points each patch has: those in its triangles.
+
+    Attributes
+    ----------
+    patches, vertices, points, sizes
+        See `Observations`.
+    degrees
+        Highest total degree that each patch may use, (K,).
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        patches: Patches,
+        blending: Array,
+        kind: str,
+        cloud: ObservedCloud,
+        degrees: Indices | None = None,
+    ) -> None:
+        """Sort the points by triangle.
+
+        Parameters
+        ----------
+        mesh, patches
+            The base and its cover.
+        blending, kind
+            Blending weights of the patches, (M,), "partition" or "uniform".
+        cloud
+            What is observed.
+        degrees
+            The patches' degrees where they are fixed already, (K,); otherwise as high as their points afford.
+        """
+        self.patches, self.vertices, self.points = patches, mesh.vertices, cloud.points
+        self.cloud, self._blending = cloud, blending
+        self._order = np.argsort(cloud.feet.triangle, kind="stable")
+        counts = np.bincount(cloud.feet.triangle, minlength=len(mesh.triangles))
+        self._offsets = offsets_of(counts)
+        self.sizes = _by_patch(patches, counts).astype(np.int64) + np.diff(patches.vertex_offsets)
+        if degrees is None:
+            weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
+            degrees = affordable_degrees(_by_patch(patches, weights))
+        self.degrees = degrees
+        self._corners = _corners_as_in_mesh(mesh, patches)
+        overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
+        self._overlap = overlap if kind == "uniform" else None
+
+    def of_patch(self, patch: int) -> PatchObservations:
+        """Observations of one patch, triangle by triangle."""
+        faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
+        triangles = self.patches.mesh_triangles[faces]
+        places, offsets = row_positions(self._offsets, triangles)
+        number = self._order[places]
+        sizes = np.diff(offsets)
+        corners = np.repeat(self._corners[faces], sizes, axis=0)
+        shares = self.cloud.feet.barycentric[number]
+        if self._overlap is None:
+            own = self._blending[slice(*self.patches.vertex_offsets[patch : patch + 2])]
+            blending = (own[corners] * shares).sum(axis=1)
+        else:
+            blending = np.repeat(1.0 / self._overlap[triangles], sizes)
+        weights = self.cloud.weights[number]
+        return PatchObservations(number, corners, shares, weights, blending, int(self.degrees[patch]), self.cloud.noise)
+
+    def samples_of_patch(self, patch: int, samples: Array) -> PatchObservations:
+        """Places (q, 3) in every triangle of a patch, as if they were observed."""
+        faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
+        own = self._blending[slice(*self.patches.vertex_offsets[patch : patch + 2])]
+        corners = np.repeat(self._corners[faces], len(samples), axis=0)
+        shares = np.tile(samples, (len(corners) // len(samples), 1))
+        blending = (own[corners] * shares).sum(axis=1)
+        none = np.full(len(corners), -1, dtype=np.int64)
+        return PatchObservations(none, corners, shares, blending, blending, int(self.degrees[patch]))
+
+
+def affordable_degrees(points: Array) -> Indices:
+    """Highest total degrees of which so many points, (K,), hold all the polynomials, at least 1."""
+    degrees = (np.sqrt(1.0 + 8.0 * points / POINTS_A_FUNCTION) - 3.0) / 2.0
+    return np.maximum(degrees.astype(np.int64), 1)
+
+
+def _by_patch(patches: Patches, of_triangles: NDArray[np.generic]) -> Array:
+    """Sums over the patches' triangles, (K,), of values of the mesh's triangles, (T,)."""
+    sums = np.bincount(patches.triangle_patch, weights=of_triangles[patches.mesh_triangles], minlength=len(patches))
+    return sums.astype(np.float64)
+
+
+def _corners_as_in_mesh(mesh: TriangleMesh, patches: Patches) -> Indices:
+    """The patches' triangles with their corners in the order of the mesh's: a patch turns those wound against it."""
+    own = patches.vertices[patches.block_triangles]
+    place = (own[:, None, :] == mesh.triangles[patches.mesh_triangles][:, :, None]).argmax(axis=2)
+    corners: Indices = np.take_along_axis(patches.triangles, place, axis=1)
+    return corners

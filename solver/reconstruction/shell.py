@@ -1,0 +1,181 @@
+"""Coarse meshes around a point cloud: which side of a thick shell is the surface, and whether the cloud is open.
+
+A mesh around balls at the points, each a few spacings wide, has one surface outside of a closed cloud and another one
+inside of it; around an open cloud it has a single one, which runs along both sides of the sheet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from ..mesh.triangle_mesh import build_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+NEIGHBOURS, TREE_NEIGHBOURS = 24, 12
+WIDEST_GAP = np.radians(150.0)
+"""A point whose neighbours leave a wider angle free in its tangent plane lies on a border."""
+
+BORDER_POINTS = 1.0
+"""A cloud of P points is open when more than so many times the root of P of them lie on a border: a square of evenly
+spread points has four times the root."""
+
+SMALLEST_SHARE = 0.01
+"""Parts of a shell with a smaller share of the largest part's volume, or triangles, are left out."""
+
+OFF_CENTRE = 0.45
+"""How far the mean of the nearest points lies off, in distances of the farthest of them, where the surface ends: on a
+straight border it is the centroid of a half disk, 4 / 3 pi = 0.42."""
+
+SMALLEST_CAVITY = 1.5
+"""A cavity smaller than a cube of so many ball radii does not show that the shell is closed."""
+
+FACING = 0.5
+"""Cosine of the angle between a shell's triangle and the cloud up to which the triangle belongs to a side."""
+
+SMOOTHING_ROUNDS = 40
+
+
+def parts(triangles: Indices, count: int) -> Indices:
+    """Number of the connected part that each of `count` vertices belongs to, (V,)."""
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    graph = sp.coo_matrix((np.ones(len(sides)), (sides[:, 0], sides[:, 1])), shape=(count, count))
+    _, part = connected_components(graph, directed=False)
+    return np.asarray(part, dtype=np.int64)
+
+
+def signed_volumes(vertices: Array, triangles: Indices, part: Indices) -> Array:
+    """Volume that each part of a closed mesh encloses, negative where it is wound inwards, (parts,)."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    pieces = (a * np.cross(b, c)).sum(axis=1) / 6.0
+    count = int(part.max(initial=-1)) + 1
+    return np.bincount(part[triangles[:, 0]], weights=pieces, minlength=count).astype(np.float64)
+
+
+def has_cavity(vertices: Array, triangles: Indices, radius: float) -> bool:
+    """Whether a shell of balls of this radius, wound outwards, encloses an empty room worth the name."""
+    volumes = signed_volumes(vertices - vertices.mean(axis=0), triangles, parts(triangles, len(vertices)))
+    return bool(volumes.min(initial=0.0) < -((SMALLEST_CAVITY * radius) ** 3))
+
+
+def outer_parts(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Those parts of a shell that enclose the others, without the tiny ones."""
+    part = parts(triangles, len(vertices))
+    volumes = signed_volumes(vertices - vertices.mean(axis=0), triangles, part)
+    kept = volumes > SMALLEST_SHARE * volumes.max(initial=0.0)
+    return without_loose(vertices, triangles[kept[part[triangles[:, 0]]]])
+
+
+def without_loose(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Leave out the vertices that no triangle uses."""
+    used, numbered = np.unique(triangles, return_inverse=True)
+    return vertices[used], numbered.reshape(-1, 3).astype(np.int64)
+
+
+def unpinched(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Give parts that meet at a single vertex one each, without the tiny parts."""
+    mesh = build_mesh(vertices, triangles)
+    return _large_parts(mesh.vertices[mesh.node_vertex], mesh.nodes)
+
+
+def is_open(points: Array) -> bool:
+    """Whether a cloud (P, 3) has a border: many of its points have neighbours on one side only."""
+    count = min(NEIGHBOURS, len(points))
+    near = cKDTree(points).query(points, k=count)[1]
+    around = points[near[:, 1:]] - points[:, None]
+    centred = points[near] - points[near].mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(np.matmul(centred.swapaxes(1, 2), centred))
+    u, v = np.ascontiguousarray(np.moveaxis(np.matmul(around, axes[:, :, 1:]), -1, 0))
+    angle = np.sort(np.arctan2(v, u), axis=1)
+    gaps = np.diff(angle, axis=1, append=angle[:, :1] + 2.0 * np.pi)
+    return int((gaps.max(axis=1) > WIDEST_GAP).sum()) > BORDER_POINTS * np.sqrt(len(points))
+
+
+def oriented_normals(points: Array, normals: Array) -> Array:
+    """Turn normals (P, 3) so that neighbours agree, along a spanning tree of the most parallel ones (Hoppe 1992).
+
+    Every connected part of the neighbourhood graph gets a sense of its own.
+    """
+    count = len(points)
+    near = cKDTree(points).query(points, k=min(TREE_NEIGHBOURS, count))[1]
+    start, end = np.repeat(np.arange(count), near.shape[1] - 1), near[:, 1:].ravel()
+    cost = 1.0 - np.abs((normals[start] * normals[end]).sum(axis=1)) + 1e-6
+    tree = minimum_spanning_tree(sp.csr_matrix((cost, (start, end)), shape=(count, count)))
+    _, part = connected_components(tree, directed=False)
+    parent = np.arange(count)
+    for root in np.unique(part, return_index=True)[1]:
+        order, before = breadth_first_order(tree, root, directed=False)
+        parent[order[1:]] = before[order[1:]]
+    turn = np.where((normals * normals[parent]).sum(axis=1) < 0.0, -1.0, 1.0)
+    # each round doubles the way to the root that a point's sign takes in
+    while (parent != parent[parent]).any():
+        turn, parent = turn * turn[parent], parent[parent]
+    return normals * (turn * turn[parent])[:, None]
+
+
+def one_side(vertices: Array, triangles: Indices, points: Array) -> tuple[Array, Indices]:
+    """Take the side of an open cloud's shell that its normals point to, lay it on to the points, and cut off what
+    reaches beyond their border.
+    """
+    tree = cKDTree(points)
+    normals = oriented_normals(points, _smooth_normals(points, tree))
+    ends = vertices[triangles]
+    across = np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    facing = (across * normals[tree.query(ends.mean(axis=1))[1]]).sum(axis=1)
+    vertices, triangles = _large_parts(vertices, triangles[facing > FACING])
+    near = tree.query(vertices, k=min(4, len(points)))[1].reshape(len(vertices), -1)
+    away = ((vertices[:, None] - points[near]) * normals[near]).sum(axis=2).mean(axis=1)
+    direction = normals[near].mean(axis=1)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
+    vertices = vertices - away[:, None] * direction
+    vertices, triangles = _large_parts(vertices, triangles[~_beyond(vertices[triangles].mean(axis=1), points, tree)])
+    return smoothed(vertices, triangles), triangles
+
+
+def _smooth_normals(points: Array, tree: cKDTree) -> Array:
+    """Normals of planes of least squares, (P, 3)."""
+    around = points[tree.query(points, k=min(NEIGHBOURS, len(points)))[1]]
+    around = around - around.mean(axis=1, keepdims=True)
+    normals: Array = np.linalg.eigh(np.matmul(around.swapaxes(1, 2), around))[1][:, :, 0]
+    return normals
+
+
+def _beyond(positions: Array, points: Array, tree: cKDTree) -> Booleans:
+    """Which positions (N, 3) on the surface have the cloud's points to one side only."""
+    distance, near = tree.query(positions, k=min(NEIGHBOURS, len(points)))
+    off = np.linalg.norm(points[near].mean(axis=1) - positions, axis=1)
+    return np.asarray(off > OFF_CENTRE * distance[:, -1], dtype=np.bool_)
+
+
+def _large_parts(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Leave out the connected parts with few triangles."""
+    part = parts(triangles, len(vertices))[triangles[:, 0]]
+    size = np.bincount(part, minlength=1)
+    return without_loose(vertices, triangles[size[part] > SMALLEST_SHARE * size.max()])
+
+
+def smoothed(vertices: Array, triangles: Indices) -> Array:
+    """Even out a sheet with a border, noise inside and jags along it, which would keep decimation busy, (V, 3).
+
+    Vertices of the border are averaged with their neighbours along it, all others with all of theirs.
+    """
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    edges, uses = np.unique(sides, axis=0, return_counts=True)
+    along = edges[uses == 1]
+    on_border = np.zeros(len(vertices), dtype=bool)
+    on_border[along] = True
+    rows = np.concatenate([along, along[:, ::-1], edges, edges[:, ::-1]])
+    rows = rows[np.repeat([True, False], [2 * len(along), 2 * len(edges)]) | ~on_border[rows[:, 0]]]
+    weights = 1.0 / np.bincount(rows[:, 0], minlength=len(vertices))[rows[:, 0]]
+    average = sp.csr_matrix((weights, rows.T), shape=(len(vertices), len(vertices)))
+    smooth = vertices
+    for _ in range(SMOOTHING_ROUNDS):
+        smooth = 0.5 * (smooth + average @ smooth)
+    return smooth

@@ -1,0 +1,209 @@
+"""Measures of an approximation, in scene units (surface error, inside triangles, is the one that counts)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import runs_of_rows
+from ..fitting.domain_energy import DomainEnergy, determinant
+from ..mesh.sampling import SURFACE_SAMPLES
+from .representation import Representation
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
+"""Where the jump across a patch's rim is measured along an edge."""
+
+POINTS_AT_ONCE = 600_000
+TRIANGLES_AT_ONCE = 100_000
+"""Measured together: more would only take memory."""
+
+
+def statistics(error: Array) -> dict[str, float]:
+    """Root mean square, mean, 95th percentile and maximum of distances; zeros where there are none."""
+    if not len(error):
+        return {"rms": 0.0, "mean": 0.0, "p95": 0.0, "max": 0.0}
+    return {
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "mean": float(error.mean()),
+        "p95": float(np.percentile(error, 95)),
+        "max": float(error.max()),
+    }
+
+
+def surface_error(
+    representation: Representation,
+    triangles: Indices | None = None,
+    samples: Array = SURFACE_SAMPLES,
+    vertices: Array | None = None,
+) -> Array:
+    """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only.
+
+    The points x lie on the triangles between `vertices`, (V, 3), which are the representation's own where None.
+    """
+    vertices = representation.vertices if vertices is None else vertices
+    asked = np.arange(len(representation.triangles)) if triangles is None else triangles
+    distance = np.empty((len(asked), len(samples)))
+    for block in _blocks(len(asked), len(samples)):
+        face = asked[block]
+        flat = np.einsum("sk,tkd->tsd", samples, vertices[representation.triangles[face]])
+        points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
+        distance[block] = np.linalg.norm(points.reshape(flat.shape) - flat, axis=2)
+    return distance
+
+
+def _blocks(count: int, points_each: int) -> Iterator[slice]:
+    """Parts of so many things that are evaluated at once, so that memory stays bounded."""
+    step = max(1, POINTS_AT_ONCE // points_each)
+    for start in range(0, count, step):
+        yield slice(start, start + step)
+
+
+def seam(representation: Representation) -> float:
+    """Largest jump of the surface across the patches' rims: the edges between triangles that other patches cover."""
+    pairs = pairs_across_edges(representation)
+    pairs = pairs.select(pairs.on_rim)
+    largest = 0.0
+    for block in _blocks(len(pairs), 2 * len(EDGE_SAMPLES)):
+        faces, corners = pairs.select(block).samples(EDGE_SAMPLES)
+        points = representation.evaluate(faces.ravel(), corners.reshape(-1, 3)).reshape(*faces.shape, 3)
+        largest = max(largest, float(np.linalg.norm(points[:, 0] - points[:, 1], axis=2).max()))
+    return largest
+
+
+@dataclass(frozen=True)
+class EdgePairs:
+    """The E edges of a mesh between exactly two triangles.
+
+    Attributes
+    ----------
+    triangles
+        The two triangles, (2, E).
+    corners
+        The edge's ends as corners of each of them, the same end first, (2, E, 2).
+    on_rim
+        Where other patches cover the one triangle than the other, so that the rim of a patch runs along the edge, (E,).
+    """
+
+    triangles: Indices
+    corners: Indices
+    on_rim: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.on_rim)
+
+    def select(self, which: NDArray[np.bool_] | slice) -> EdgePairs:
+        """Return some of the edges."""
+        return EdgePairs(self.triangles[:, which], self.corners[:, which], self.on_rim[which])
+
+    def samples(self, along: Array) -> tuple[Indices, Array]:
+        """Return points of each edge as points of both triangles: numbers (q, 2, E), coordinates (q, 2, E, 3).
+
+        `along` says where between the edge's ends they are, (q,).
+        """
+        inside = np.zeros((len(along), *self.triangles.shape, 3))
+        shares = np.stack([1.0 - along, along], axis=-1)[:, None, None]
+        np.put_along_axis(inside, np.broadcast_to(self.corners, (len(along), *self.corners.shape)), shares, axis=-1)
+        return np.broadcast_to(self.triangles, inside.shape[:-1]), inside
+
+
+def pairs_across_edges(representation: Representation) -> EdgePairs:
+    """Find the triangles that meet at edges of the input mesh, and where patches end between them."""
+    triangles = representation.triangles
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    key = np.minimum(starts, ends) * len(representation.vertices) + np.maximum(starts, ends)
+    order = np.argsort(key, kind="stable")
+    same = key[order][1:] == key[order][:-1]
+    alone = np.ones(len(same), dtype=bool)
+    # an edge of exactly two triangles: neither the pair before nor the one after shares it
+    alone[1:] &= ~same[:-1]
+    alone[:-1] &= ~same[1:]
+    pair = np.flatnonzero(same & alone)
+    both = np.stack([order[pair], order[pair + 1]])
+    corners = np.stack([both % 3, (both + 1) % 3], axis=-1)
+    one, other = both // 3
+    swapped = triangles[one, corners[0, :, 0]] != triangles[other, corners[1, :, 0]]
+    corners[1, swapped] = corners[1, swapped, ::-1]
+    cover = _cover_fingerprint(representation)
+    return EdgePairs(both // 3, corners, cover[one] != cover[other])
+
+
+def _cover_fingerprint(representation: Representation) -> Indices:
+    """A number for each triangle that is equal where the same patches cover it."""
+    numbers = np.random.default_rng(0).integers(1, 2**62, size=representation.patches, dtype=np.int64)
+    fingerprint = np.zeros(len(representation.triangles), dtype=np.int64)
+    patch = np.repeat(np.arange(representation.patches), np.diff(representation.triangle_offsets))
+    np.bitwise_xor.at(fingerprint, representation.mesh_triangles, numbers[patch])
+    return fingerprint
+
+
+def normal_error(before: Array, after: Array, triangles: Indices) -> float:
+    """Mean angle between the face normals of two meshes, degrees; triangles without area do not count."""
+    normals = [_unit_normals(vertices, triangles) for vertices in (before, after)]
+    usable = (np.abs(normals[0]).sum(axis=1) > 0.0) & (np.abs(normals[1]).sum(axis=1) > 0.0)
+    if not usable.any():
+        return 0.0
+    one, other = normals[0][usable], normals[1][usable]
+    # atan2 keeps its precision for small angles, where the arc cosine loses it
+    angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return float(np.degrees(angle).mean())
+
+
+def _unit_normals(vertices: Array, triangles: Indices) -> Array:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+
+
+def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
+    """Jacobians of the domain transformations Phi_k, and the areas of the triangles they start from.
+
+    Returns
+    -------
+    jacobians
+        (2, 2, C, S) for C domains and S patch triangles.
+    area
+        Areas in the initial domains, (C, S).
+    """
+    vertices, triangles = representation.vertex_offsets, representation.triangle_offsets
+    jacobians = np.empty((2, 2, len(representation.domains), triangles[-1]))
+    area = np.empty(jacobians.shape[2:])
+    for first, end in runs_of_rows(triangles, TRIANGLES_AT_ONCE):
+        own, faces = slice(vertices[first], vertices[end]), slice(triangles[first], triangles[end])
+        corners = representation.corners[faces] - vertices[first]
+        for c, (start, domain) in enumerate(zip(representation.initial_domains, representation.domains, strict=True)):
+            energy = DomainEnergy.of(start[own].T, corners)
+            jacobians[:, :, c, faces], area[c, faces] = energy.jacobian(domain[own].T), energy.area
+    return jacobians, area
+
+
+def flipped_triangles(jacobians: Array, area: Array) -> int:
+    """Number of patch triangles whose orientation turned in some domain; those without area do not count."""
+    return int(((determinant(jacobians) < 0.0) & (area > 0.0)).sum())
+
+
+def domain_stretch(representation: Representation, jacobians: Array, faces: int) -> Array:
+    """Anisotropy of the domain transformation on every input face, (F,): one where it is conformal, large along
+    creases.
+
+    The ratio of the Jacobian's singular values, averaged over the patches with their blending weights, then over the
+    face's triangles; one on faces that no patch covers.
+    """
+    turn = np.hypot(jacobians[0, 0] + jacobians[1, 1], jacobians[1, 0] - jacobians[0, 1])
+    skew = np.hypot(jacobians[0, 0] - jacobians[1, 1], jacobians[1, 0] + jacobians[0, 1])
+    smaller = np.maximum(np.abs(turn - skew), 1e-6 * (turn + skew))
+    ratio = np.divide(turn + skew, smaller, out=np.ones_like(turn), where=smaller > 0.0).mean(axis=0)
+    weight = representation.weights[representation.corners].mean(axis=1)
+    count = len(representation.triangles)
+    total = np.bincount(representation.mesh_triangles, weights=weight, minlength=count)
+    summed = np.bincount(representation.mesh_triangles, weights=weight * ratio, minlength=count)
+    by_triangle = np.divide(summed, total, out=np.ones(count), where=total > 0.0)
+    triangles = np.maximum(np.bincount(representation.polygon, minlength=faces), 1)
+    by_face = np.bincount(representation.polygon, weights=by_triangle, minlength=faces) / triangles
+    return np.maximum(by_face, 1.0)

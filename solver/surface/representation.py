@@ -1,0 +1,396 @@
+"""The representation: everything that is needed to evaluate the surface anywhere.
+
+At a point x of a triangle the surface is the blend S(x) = sum_k phi_k(x) h_k(Phi_k(x)) of the patches that contain the
+triangle; h_k is a sparse polynomial, Phi_k maps the triangle linearly into the patch's optimised domain, and phi_k is
+linear on the triangle.  What the weights miss of a sum of one goes to the input itself.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import runs_of_rows
+from ..errors import InputError
+from ..fitting.dictionary import Dictionary, coefficient_grid, combine
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+POINTS_AT_ONCE = 2048
+"""Points that a patch evaluates together; their tables stay in a processor's cache."""
+
+ROUNDING = 1e-12
+"""What weights may miss a sum of one by."""
+
+SLACK = 1e-4
+"""What barycentric coordinates may be off by; single precision computes them to 1e-7."""
+
+
+@dataclass(frozen=True)
+class Representation:
+    """K patches over a mesh of V vertices, T triangles; M patch vertices and S patch triangles in ragged arrays.
+
+    Attributes
+    ----------
+    vertices
+        Input vertices, (V, 3), scene units.
+    triangles, polygon
+        Corners of the triangles (T, 3) and the input face that each lies in (T,).
+    face_offsets, face_corners
+        The input faces as ragged array of vertex numbers.
+    vertex_offsets, patch_vertices
+        Patch k has the mesh vertices `patch_vertices[vertex_offsets[k]:vertex_offsets[k + 1]]`.
+    triangle_offsets, patch_triangles, mesh_triangles
+        The patches' triangles: local vertex numbers (S, 3), and the mesh triangle that each is (S,).
+    domains, initial_domains
+        Optimised and initial domains in the patches' frames, (C, M, 2); C = 1, or 3 with one for each coordinate.
+    weights
+        Blending weights at the patches' vertices, (M,).
+    blending
+        "partition" or "uniform".
+    origins, scales
+        Frames: value = origin + h / scale, (K, 3) and (K, C).
+    basis, degree
+        The dictionary.
+    support, coefficients
+        Sparse coefficients of every patch and coordinate, (K, 3, s); support -1 where fewer are used.
+    energy
+        Objective of each patch after each iteration, in the patch's scale, (K, I); NaN where a patch took fewer.
+    """
+
+    vertices: Array
+    triangles: Indices
+    polygon: Indices
+    face_offsets: Indices
+    face_corners: Indices
+    vertex_offsets: Indices
+    patch_vertices: Indices
+    triangle_offsets: Indices
+    patch_triangles: Indices
+    mesh_triangles: Indices
+    domains: Array
+    initial_domains: Array
+    weights: Array
+    blending: str
+    origins: Array
+    scales: Array
+    basis: str
+    degree: int
+    support: Indices
+    coefficients: Array
+    energy: Array
+
+    @property
+    def patches(self) -> int:
+        """Number of patches, K."""
+        return len(self.origins)
+
+    @cached_property
+    def dictionary(self) -> Dictionary:
+        """The basis functions that `support` counts."""
+        return Dictionary(self.degree, self.basis)
+
+    @cached_property
+    def corners(self) -> Indices:
+        """Patch vertices, counted over all patches, at the corners of the patch triangles, (S, 3).
+
+        In the order of the mesh triangle's corners: a patch turns triangles that are wound against its orientation.
+        """
+        counts = np.diff(self.triangle_offsets)
+        own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
+        wanted = self.triangles[self.mesh_triangles]
+        place = (self.patch_vertices[own][:, None, :] == wanted[:, :, None]).argmax(axis=2)
+        return np.take_along_axis(own, place, axis=1)
+
+    @cached_property
+    def patch_of_triangle(self) -> Indices:
+        """Patch of each patch triangle, (S,)."""
+        return np.repeat(np.arange(self.patches), np.diff(self.triangle_offsets))
+
+    @cached_property
+    def corner_weights(self) -> Array:
+        """Blending weight of each patch triangle's patch at its corners, (S, 3): phi_k is linear between them.
+
+        With uniform blending each triangle averages the patches that hold it, whatever other patches hold its corners.
+        """
+        weights = self.weights[self.corners]
+        if self.blending == "uniform":
+            holders = np.bincount(self.mesh_triangles, minlength=len(self.triangles))
+            weights = (weights > 0.0) / holders[self.mesh_triangles, None]
+        return weights
+
+    @cached_property
+    def _corner_table(self) -> tuple[Array, Array]:
+        """`corner_weights` and domains of the patch triangles with the points last, (3, S) and (3, 2, C, S)."""
+        domains = self.domains[:, self.corners].transpose(2, 3, 0, 1)
+        return np.ascontiguousarray(self.corner_weights.T), np.ascontiguousarray(domains)
+
+    @cached_property
+    def input_weights(self) -> Array:
+        """Weight of the input itself at the triangles' corners, (T, 3): what the patches leave."""
+        count = len(self.triangles)
+        columns = [np.bincount(self.mesh_triangles, weights=w, minlength=count) for w in self.corner_weights.T]
+        left = np.ones((count, 3)) - np.stack(columns, axis=1)
+        left[left < ROUNDING] = 0.0
+        return left
+
+    @cached_property
+    def _grids(self) -> Array:
+        """Coefficients spread over the degrees, (K, 3, t + 1, t + 1)."""
+        return coefficient_grid(self.dictionary.degrees, self.support, self.coefficients, self.degree)
+
+    def patch_values(self, patch: int, domain: Array) -> Array:
+        """Values of one patch's functions.
+
+        Parameters
+        ----------
+        patch
+            Number of the patch.
+        domain
+            Parameters in the patch's frame, (C, N, 2).
+
+        Returns
+        -------
+        ndarray
+            Points in scene units, (N, 3).
+        """
+        u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
+        return self._combined(patch, u, v).T + self.origins[patch]
+
+    def _combined(self, patch: int, u: Array, v: Array) -> Array:
+        """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
+        return combine(self._grids[patch], u, v) / self.scales[patch][:, None]
+
+    @cached_property
+    def at_patch_vertices(self) -> Array:
+        """Each patch's own value at each of its vertices, before blending, (M, 3)."""
+        values = np.empty((len(self.patch_vertices), 3))
+        for first, end in runs_of_rows(self.vertex_offsets, POINTS_AT_ONCE):
+            rows = slice(self.vertex_offsets[first], self.vertex_offsets[end])
+            self._patchwise(first, self.vertex_offsets[first : end + 1], self.domains[:, rows], values[rows])
+        return values
+
+    def at_patch_samples(self, samples: Array) -> Iterator[tuple[slice, Array]]:
+        """Evaluate each patch by itself at the same points of each of its triangles, some patches at a time.
+
+        Parameters
+        ----------
+        samples
+            Barycentric coordinates, (q, 3).
+
+        Yields
+        ------
+        triangles
+            A run of patch triangles.
+        values
+            The patches' own surfaces there, (n, q, 3), scene units.
+        """
+        count = len(samples)
+        for first, end in runs_of_rows(self.triangle_offsets, POINTS_AT_ONCE // count):
+            rows = slice(self.triangle_offsets[first], self.triangle_offsets[end])
+            domains = np.einsum("qk,cskx->csqx", samples, self.domains[:, self.corners[rows]])
+            values = np.empty((rows.stop - rows.start, count, 3))
+            offsets = count * self.triangle_offsets[first : end + 1]
+            self._patchwise(first, offsets, domains.reshape(len(domains), -1, 2), values.reshape(-1, 3))
+            yield rows, values
+
+    def _patchwise(self, first: int, offsets: Indices, domain: Array, values: Array) -> None:
+        """Put the values of patches from `first` on at parameters (C, N, 2), split at `offsets`, into `values` (N, 3).
+
+        The tables of the polynomials are the same for all patches, and dear for each by itself.
+        """
+        u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
+        offsets = offsets - offsets[0]
+        for patch, (start, stop) in enumerate(pairwise(offsets), first):
+            own = self._combined(patch, u[..., start:stop], v[..., start:stop])
+            values[start:stop] = own.T + self.origins[patch]
+
+    def at_vertices(self) -> Array:
+        """The blended surface at the input vertices, (V, 3)."""
+        return self.blend_at_vertices(self.at_patch_vertices)
+
+    def blend_at_vertices(self, values: Array) -> Array:
+        """Blend the patches' values (M, 3) at the input vertices, (V, 3)."""
+        size = len(self.vertices)
+        total = np.bincount(self.patch_vertices, weights=self.weights, minlength=size)
+        rest = np.maximum(1.0 - total, 0.0)
+        rest[rest < ROUNDING] = 0.0
+        weighted = values * self.weights[:, None]
+        sums = [np.bincount(self.patch_vertices, weights=column, minlength=size) for column in weighted.T]
+        points: Array = np.stack(sums, axis=1) + rest[:, None] * self.vertices
+        # A vertex that no patch moves keeps its place to the last bit.
+        points[total == 0.0] = self.vertices[total == 0.0]
+        return points
+
+    def evaluate(self, face_index: Indices, barycentric: Array) -> Array:
+        """Evaluate the surface.
+
+        Parameters
+        ----------
+        face_index
+            Triangles, (N,); where all input faces are triangles these are its faces (see `triangles`, `polygon`).
+        barycentric
+            Barycentric coordinates in these triangles, (N, 3).
+
+        Returns
+        -------
+        ndarray
+            Points of the surface in scene units, (N, 3).
+
+        Raises
+        ------
+        InputError
+            When a triangle does not exist or the arrays do not fit.
+        """
+        return self._evaluate(face_index, barycentric, tangents=False)[:, 0]
+
+    def evaluate_with_tangents(self, face_index: Indices, barycentric: Array) -> tuple[Array, Array]:
+        """Evaluate the surface and its first derivatives; parameters and errors as in `evaluate`.
+
+        Returns
+        -------
+        points
+            (N, 3).
+        tangents
+            Derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (N, 2, 3), scene units.
+        """
+        result = self._evaluate(face_index, barycentric, tangents=True)
+        return result[:, 0], result[:, 1:]
+
+    def normals(self, face_index: Indices, barycentric: Array) -> Array:
+        """Unit normals of the surface, (N, 3); zero where the surface has no tangent plane."""
+        tangents = self.evaluate_with_tangents(face_index, barycentric)[1]
+        normal = np.cross(tangents[:, 0], tangents[:, 1])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+
+    @cached_property
+    def stored(self) -> bytes:
+        """The representation as the content of a file."""
+        from . import files as storage
+
+        return storage.to_bytes(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
+
+        Raises
+        ------
+        OSError
+            When the file cannot be written.
+        """
+        from . import files as storage
+
+        storage.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Representation:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        FileFormatError
+            When the file is cut, damaged, newer than this version, or something else; in one sentence.
+        OSError
+            When there is no such file, or it cannot be read.
+        """
+        from . import files as storage
+
+        return storage.load(path)
+
+    def _evaluate(self, face_index: Indices, barycentric: Array, tangents: bool) -> Array:
+        """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
+
+        The points are sorted by triangle, so that each patch finds its own in runs.
+        """
+        face, inside = _checked_queries(face_index, barycentric, len(self.triangles))
+        order = np.argsort(face, kind="stable")
+        inside = np.stack([column[order] for column in inside.T])
+        sums = self._input_part(face[order], inside, tangents)
+        runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
+        for patch, points, triangle in self._portions(runs):
+            part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
+            for total, own in zip(sums, part, strict=True):
+                total[points] += own
+        result = np.empty((len(face), len(sums)))
+        result[order] = sums.T
+        return result.reshape(len(face), len(sums) // 3, 3)
+
+    def _portions(self, runs: Indices) -> Iterator[tuple[int, Indices, Indices]]:
+        """Yield (patch, points, patch triangles): which points a patch holds, in handy portions.
+
+        Parameters
+        ----------
+        runs
+            The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
+        """
+        first, end = runs[self.mesh_triangles], runs[self.mesh_triangles + 1]
+        count = np.where(self.corner_weights.max(axis=1, initial=0.0) > 0.0, end - first, 0)
+        for patch in np.unique(self.patch_of_triangle[count > 0]):
+            triangles = np.arange(self.triangle_offsets[patch], self.triangle_offsets[patch + 1])
+            lengths = count[triangles]
+            ends = np.cumsum(lengths)
+            points = np.repeat(first[triangles] - (ends - lengths), lengths) + np.arange(ends[-1])
+            triangle = np.repeat(triangles, lengths)
+            for start in range(0, len(points), POINTS_AT_ONCE):
+                part = slice(start, start + POINTS_AT_ONCE)
+                yield int(patch), points[part], triangle[part]
+
+    def _patch_part(self, patch: int, triangle: Indices, inside: Array, tangents: bool) -> Array:
+        """A patch's part phi h of the surface at n points, (3, n), and with `tangents` of both tangents, (9, n).
+
+        Parameters
+        ----------
+        triangle
+            Patch triangle of each point, (n,).
+        inside
+            Barycentric coordinates, (3, n).
+        """
+        weights, ends = (table.take(triangle, axis=-1) for table in self._corner_table)
+        phi = inside[0] * weights[0] + inside[1] * weights[1] + inside[2] * weights[2]
+        u, v = self.dictionary.tables(inside[0] * ends[0] + inside[1] * ends[1] + inside[2] * ends[2])
+        value = self._combined(patch, u, v) + self.origins[patch][:, None]
+        parts = [phi * value]
+        if tangents:
+            along_u = self._combined(patch, self.dictionary.derivative_tables(u), v)
+            along_v = self._combined(patch, u, self.dictionary.derivative_tables(v))
+            for k in (1, 2):
+                edge = ends[k] - ends[0]
+                slope = along_u * edge[0] + along_v * edge[1]
+                parts.append((weights[k] - weights[0]) * value + phi * slope)
+        return np.concatenate(parts)
+
+    def _input_part(self, face: Indices, inside: Array, tangents: bool) -> Array:
+        """The same of the input itself, where it shows through, (3 or 9, N)."""
+        sums = np.zeros((9 if tangents else 3, len(face)))
+        shows = np.flatnonzero(self.input_weights.max(axis=1, initial=0.0)[face])
+        if not len(shows):
+            return sums
+        corners = self.vertices[self.triangles[face[shows]]].transpose(1, 2, 0)
+        weights, inside = self.input_weights[face[shows]].T, inside[:, shows]
+        flat = (inside[:, None] * corners).sum(axis=0)
+        rest = (inside * weights).sum(axis=0)
+        parts = [rest * flat]
+        for k in (1, 2) if tangents else ():
+            parts.append((weights[k] - weights[0]) * flat + rest * (corners[k] - corners[0]))
+        sums[:, shows] = np.concatenate(parts)
+        return sums
+
+
+def _checked_queries(face_index: Indices, barycentric: Array, triangles: int) -> tuple[Indices, Array]:
+    face, inside = np.asarray(face_index), np.asarray(barycentric, dtype=np.float64)
+    if face.ndim != 1 or inside.shape != (len(face), 3):
+        raise InputError("Evaluating needs N face numbers and an array of N x 3 barycentric coordinates.")
+    if len(face) and (face.dtype.kind not in "iu" or face.min() < 0 or face.max() >= triangles):
+        raise InputError(f"Face numbers must be whole numbers from 0 to {triangles - 1}.")
+    # written so that NaN is refused too
+    if len(face) and not (inside.min() >= -SLACK and abs(inside.sum(axis=1) - 1.0).max() <= SLACK):
+        raise InputError("Barycentric coordinates must be three numbers from 0 to 1 with the sum 1 for each point.")
+    return face.astype(np.int64), inside
