@@ -8,24 +8,29 @@ from typing import Any
 from .cases import Case, Measured, measure
 from .tables import table
 
+VARIABLE_PROJECTION = "fitting.methods.variable_projection"
+
 INGREDIENTS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
     ("the default", {}, {}),
     ("no sweep", {"sweeps": 0}, {}),
     ("two sweeps", {"sweeps": 2}, {}),
-    ("sweeps without the anti-drift term", {"sweeps": 2}, {"consistency.ANTI_DRIFT": 0.0}),
+    ("sweeps without the anti-drift term", {"sweeps": 2}, {"approximation.sweeps.ANTI_DRIFT": 0.0}),
     ("domains fixed", {"iterations": 0}, {}),
     ("6 iterations", {"iterations": 6}, {}),
     ("30 iterations", {"iterations": 30}, {}),
     (
         "regularisation not annealed",
         {},
-        {"variable_projection.PROXIMITY_DECAY": 1.0, "variable_projection.RIGIDITY_DECAY": 1.0},
+        {
+            VARIABLE_PROJECTION + ".PROXIMITY_DECAY": 1.0,
+            VARIABLE_PROJECTION + ".RIGIDITY_DECAY": 1.0,
+        },
     ),
-    ("functions selected once", {}, {"variable_projection.RESELECT_AT": (0,)}),
+    ("functions selected once", {}, {VARIABLE_PROJECTION + ".RESELECT_AT": (0,)}),
     ("matching pursuit", {"pursuit": "omp"}, {}),
     ("monomials", {"basis": "monomial"}, {}),
     ("vertices observed alone", {"observations": "vertices"}, {}),
-    ("patches fitted with uniform weights", {}, {"blending.PLATEAU": 1e6}),
+    ("patches fitted with uniform weights", {}, {"patches.blending.PLATEAU": 1e6}),
     ("uniform blending", {"blending": "uniform"}, {}),
     ("rings not adapted", {"adaptive": False}, {}),
     ("a domain for each coordinate", {"domains": "separate"}, {}),

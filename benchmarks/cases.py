@@ -103,7 +103,7 @@ def unit_seconds(repeats: int = 9) -> float:
 def measure(case: Case) -> Measured:
     """Run a case in a fresh process with one BLAS thread."""
     start = time.perf_counter()
-    with WorkerExecutor(1, preload="pipeline") as process:
+    with WorkerExecutor(1, preload="approximation.approximate") as process:
         process.submit(int).result()  # answered once the solver is loaded
         set_up = time.perf_counter() - start
         return replace(process.submit(run_case, case).result(), set_up=set_up)
@@ -120,7 +120,7 @@ def run_case(case: Case) -> Measured:
 
 
 def generated(name: str, size: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
-    """A model of `solver.models`."""
+    """A model of `generated_models`."""
     make = getattr(models, name)
     vertices, faces = make(size) if size is not None else make()
     return vertices, faces
@@ -128,7 +128,7 @@ def generated(name: str, size: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
 
 def with_constants(constants: Mapping[str, Any]) -> None:
     """Change constants of the solver in this process, and wherever they were imported to."""
-    package = models.__name__.rpartition(".")[0]
+    package = Settings.__module__.rpartition(".")[0]
     for name, value in constants.items():
         module, _, constant = name.rpartition(".")
         home = import_module(f"{package}.{module}")

@@ -43,14 +43,14 @@ def test_a_case_is_measured_in_a_process_of_its_own() -> None:
     assert plain.memory_mb >= 0.0
     assert plain.as_dict()["units"].keys() == set(STAGES)
     # Without annealing two iterations end elsewhere, and the next case does not see the changed constant.
-    held = measure(Case("cube", QUICK, constants={"variable_projection.PROXIMITY_DECAY": 1.0}))
+    held = measure(Case("cube", QUICK, constants={"fitting.methods.variable_projection.PROXIMITY_DECAY": 1.0}))
     assert held.report["energy"] != plain.report["energy"]
     assert measure(Case("cube", QUICK)).report["energy"] == plain.report["energy"]
 
 
 def test_an_unknown_constant_is_an_error() -> None:
     with pytest.raises(AttributeError, match="constant"):
-        measure(Case("cube", QUICK, constants={"batch.NO_SUCH": 1.0}))
+        measure(Case("cube", QUICK, constants={"fitting.batch.NO_SUCH": 1.0}))
 
 
 @pytest.mark.parametrize(("name", "settings", "constants"), accuracy.INGREDIENTS)

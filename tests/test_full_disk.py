@@ -18,7 +18,7 @@ import os, sys
 from pathlib import Path
 import bpy
 from sparse_surface.command_line.main import main
-from sparse_surface.solver import models
+from sparse_surface.benchmarks import generated_models as models
 folder, model = Path(sys.argv[1]), Path(sys.argv[2])
 vertices, faces = models.cube(14)
 lines = ["v {} {} {}".format(*point) for point in vertices]

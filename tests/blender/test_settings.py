@@ -120,7 +120,7 @@ def test_words_of_the_interface_are_in_the_dictionary():
     """Every translated word is one that the interface shows."""
     folder = Path(properties.__file__).parent.parent
     sources = [
-        path.read_text(encoding="utf-8") for part in ("operators", "ui") for path in (folder / part).glob("*.py")
+        path.read_text(encoding="utf-8") for part in ("operators", "ui") for path in (folder / part).rglob("*.py")
     ]
     shown = "\n".join(text for text in sources if "_GERMAN" not in text)
     registered = translations.DICTIONARY["de"]

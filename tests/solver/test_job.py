@@ -323,8 +323,8 @@ def test_what_ends_does_not_wait_for_others_work():
 import sys
 sys.path[:] = {sys.path!r}
 import os, threading
-from sparse_surface.solver.child import stop_giving_way
-from sparse_surface.solver.worker import give_way
+from sparse_surface.solver.processes.child import stop_giving_way
+from sparse_surface.solver.processes.child_main import give_way
 give_way()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 policies = lambda: sorted(os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task"))

@@ -54,7 +54,8 @@ def test_two_processes_at_once_give_what_one_gives(tmp_path: Path) -> None:
         """
         import sys
         sys.path[:] = eval(sys.argv[1])
-        from sparse_surface.solver import Settings, approximate, models
+        from sparse_surface.benchmarks import generated_models as models
+        from sparse_surface.solver import Settings, approximate
         result = approximate(*models.cube(5), Settings(workers=2, iterations=2, sweeps=0))
         result.representation.save(sys.argv[2])
         """
@@ -181,8 +182,9 @@ import sys, subprocess, os
 from pathlib import Path
 folder = Path(sys.argv[1])
 sys.path[:] = eval(sys.argv[2])
-from sparse_surface.solver import Settings, approximate, models
-from sparse_surface.solver.representation import Representation
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.surface.representation import Representation
 result = approximate(*models.cube(4), Settings(workers=1, iterations=1, sweeps=0))
 target = folder / "old.npz"
 result.representation.save(target)
@@ -241,7 +243,7 @@ def test_a_process_killed_while_it_writes_leaves_the_old_file_whole(tmp_path: Pa
         sys.path[:] = eval(sys.argv[2])
         from pathlib import Path
         from sparse_surface.solver import storage
-        from sparse_surface.solver.representation import Representation
+        from sparse_surface.solver.surface.representation import Representation
         surface = Representation.load(sys.argv[1])
         whole = surface.stored
         def half(path, data):
@@ -267,7 +269,8 @@ from pathlib import Path
 import numpy as np
 folder = Path(sys.argv[1])
 sys.path[:] = eval(sys.argv[2])
-from sparse_surface.solver import Settings, models
+from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import Settings
 from sparse_surface.solver.job import Job, MeshArrays
 vertices, faces = models.cube(9)
 quads = np.asarray(faces, dtype=np.int32)

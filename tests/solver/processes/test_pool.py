@@ -188,7 +188,7 @@ def test_a_forgotten_executor_takes_its_children_with_it(living_children: Callab
 OWNER = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
-from sparse_surface.solver.executor import WorkerExecutor
+from sparse_surface.solver.processes.pool import WorkerExecutor
 import os
 workers = WorkerExecutor(2)
 numbers = set()

@@ -19,8 +19,7 @@ from sparse_surface.solver.fitting.methods.variable_projection import (
     smallest_determinant,
     solve,
 )
-
-from .synthetic import crease, hill, problem
+from synthetic import crease, hill, problem
 
 LEGENDRE = Dictionary(14, "legendre")
 WEIGHTS = (0.2, 0.1)
