@@ -20,6 +20,7 @@ DOWNLOADED = {"fandisk": "fandisk.obj", "bunny": "stanford-bunny.ply", "rocker-a
 ALL = (*PAPERS, *DOWNLOADED)
 TIMED = ("cube", "fandisk", "bunny")
 ABLATED = ("cube", "fandisk")
+PARTS = ("performance", "accuracy")
 
 
 def benchmark(
@@ -106,9 +107,9 @@ def _read(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     except ImportError as error:
         raise InputError(f"Reading '{path}' takes Blender's Python module, bpy.") from error
     from ..operators.data import meshes as mesh_data
-    from ..operators.files import formats as files
+    from ..operators.files.meshes import read_meshes
 
-    mesh = files.read_meshes(path)[0].data
+    mesh = read_meshes(path)[0].data
     corners, sizes = mesh_data.read_polygons(mesh)
     if not (sizes == 3).all():
         raise InputError(f"'{path}' is no triangle mesh.")
