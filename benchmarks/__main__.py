@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .command import PARTS, benchmark
+from ..solver.errors import InputError
+from .command import OTHER_PARTS, PARTS, benchmark
 
 MODELS = Path(__file__).resolve().parent.parent.parent / "shared" / "models"
 
@@ -23,15 +24,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--models", nargs="+", metavar="MODEL", help="generated, downloaded, or mesh files; default: all"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="file for all figures")
-    parser.add_argument("--docs", type=Path, metavar="FOLDER", help="folder of the pages that take figures from here")
-    parser.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS), help="measure only this")
+    parser.add_argument("--keep", action="store_true", help="keep the tables in docs/measured.json, for the pages")
+    parts = [*PARTS, *OTHER_PARTS]
+    parser.add_argument("--only", nargs="+", choices=parts, default=parts, metavar="PART", help="measure only these")
     parser.add_argument("--largest", type=int, default=1_000_000, metavar="N", help="vertices of the largest terrain")
     parser.add_argument("--folder", type=Path, default=MODELS, metavar="FOLDER", help="where downloaded models are")
     options = parser.parse_args(arguments)
-    for folder in (options.docs, options.json and options.json.absolute().parent):
-        if folder is not None and not folder.is_dir():
-            parser.error(f"there is no folder '{folder}'")
-    benchmark(options.models, options.json, options.docs, options.largest, options.folder, options.only)
+    if options.json is not None and not options.json.absolute().parent.is_dir():
+        parser.error(f"there is no folder '{options.json.parent}'")
+    if options.keep and options.models:
+        parser.error("tables of some models are not kept")
+    try:
+        benchmark(options.models, options.json, options.largest, options.folder, options.only, keep=options.keep)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
     return 0
 
 
