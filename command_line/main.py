@@ -16,10 +16,9 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..solver.cloud_settings import CloudSettings
 from ..solver.errors import SettingsError, SparseSurfaceError
 from ..solver.progress import Progress, run_to_end
-from ..solver.settings import PRESETS, Settings
+from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
 
 DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from ..patch_methods import METHODS
 from ..patches.blending import fitting_weights
 from ..patches.observations import Observations, PatchObservations
 from ..settings import Settings
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .dictionary import Dictionary
-from .methods import augmented_lagrangian, fixed_domain, variable_projection
+from .methods import solver_of
 from .solution import Solution
 
 Array = NDArray[np.float64]
@@ -140,7 +141,7 @@ def problems_of(
     triangles = patches.triangles[slice(*patches.triangle_offsets[patch : patch + 2])]
     weights = fitting_weights(own.blending, own.weights, settings.blending)
     at_vertices, values = observations.vertices[patches.vertices[vertices]], observations.points[own.number]
-    degree = min(settings.degree, own.degree)
+    degree, each = min(settings.degree, own.degree), 3 // settings.channels
     return [
         Problem(
             domains[vertices],
@@ -153,7 +154,7 @@ def problems_of(
             degree,
             own.noise,
         )
-        for part in ([slice(0, 3)] if settings.domains == "common" else [slice(d, d + 1) for d in range(3)])
+        for part in (slice(first, first + each) for first in range(0, 3, each))
     ]
 
 
@@ -201,7 +202,7 @@ def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
 def _fit_batch(task: ChunkTask) -> list[PatchFit]:
     settings = task.settings
     with _thread_pools().limit(limits=1, user_api="blas"):
-        batch = build_batch(task.problems, turn=settings.method == "default")
+        batch = build_batch(task.problems, turn=METHODS[settings.method].turns_domain)
         # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
         dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)
         solution = _solution(batch, dictionary, task)
@@ -215,32 +216,13 @@ def _fit_batch(task: ChunkTask) -> list[PatchFit]:
 
 
 def _solution(batch: Batch, dictionary: Dictionary, task: ChunkTask) -> Solution:
-    """From scratch, or on from an earlier solution, by the method of the settings."""
-    settings = task.settings
+    """Solve from scratch, or improve earlier solutions, by the method of the settings."""
+    solver, settings = solver_of(task.settings), task.settings
     if task.problems[0].warm is None:
-        if settings.method == "paper":
-            return augmented_lagrangian.solve(batch, dictionary, settings)
-        if settings.method == "traditional":
-            return fixed_domain.solve(batch, dictionary, settings)
-        return variable_projection.solve(
-            batch,
-            dictionary,
-            sparsity=settings.sparsity,
-            iterations=settings.iterations,
-            beta1=settings.beta1,
-            beta2=settings.beta2,
-            pursuit=settings.pursuit,
-            automatic_sparsity=settings.automatic_sparsity,
-            keep_values=settings.keep_iterations,
-        )
+        return solver.solve(batch, dictionary, settings)
     domain, support = warm_starts(task.problems, batch.start)
     iterations = min(SWEEP_ITERATIONS, settings.iterations)
-    if settings.method == "paper":
-        return augmented_lagrangian.improve(batch, dictionary, settings, domain, support, iterations)
-    if settings.method == "traditional":
-        return fixed_domain.improve(batch, dictionary, settings, support)
-    weights = variable_projection.final_weights(settings.iterations, settings.beta1, settings.beta2)
-    return variable_projection.improve(batch, dictionary, domain, support, iterations=iterations, weights=weights)
+    return solver.improve(batch, dictionary, settings, domain, support, iterations)
 
 
 def _patch_fit(batch: Batch, solution: Solution, fitted: Array, observations: int, part: slice) -> PatchFit:
