@@ -8,7 +8,7 @@ greedily.  They see A only through the Gram matrix G = A A^T and the correlation
 the number of observations (Rubinstein, Zibulevsky, Elad 2008).
 
 scikit-learn's `orthogonal_mp_gram` finds the same functions (see `reference_pursuit`), but one patch at a time: for 64
-patches with 3 signals each, n = 120 and s = 15, it takes 18 times as long as `matching_pursuit`.
+patches with 3 signals each, n = 120 and s = 15, it takes more than 15 times as long as `matching_pursuit`.
 """
 
 from __future__ import annotations
@@ -174,13 +174,17 @@ def reference_pursuit(
         usable = np.flatnonzero((norm > 0.0) & (True if allowed is None else allowed[problem]))
         unit = own[np.ix_(usable, usable)] / (norm[usable, None] * norm[usable])
         for signal, parallel in enumerate(correlation[problem][:, usable] / norm[usable]):
+            largest = np.abs(parallel).max(initial=0.0)
+            if largest == 0.0:
+                continue
+            parallel /= largest  # it stops at an absolute threshold
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # it says when it stops early
-                path = orthogonal_mp_gram(
-                    unit, parallel, n_nonzero_coefs=min(sparsity, len(usable)), return_path=True
-                ).reshape(len(usable), -1)
-            explained = parallel @ path - price[problem] * np.arange(1, path.shape[1] + 1)
-            steps = explained.argmax() if price[problem] > 0.0 else path.shape[1] - 1
+                most = min(sparsity, len(usable))
+                path = orthogonal_mp_gram(unit, parallel, n_nonzero_coefs=most, return_path=True)
+            path = path.reshape(len(usable), -1)
+            explained = parallel @ path - price[problem] / largest**2 * np.arange(1, path.shape[1] + 1)
+            steps = explained.argmax() if price[problem] > 0.0 else -1
             chosen = usable[np.flatnonzero(path[:, steps])]
             support[problem, signal, : len(chosen)] = chosen
     return support
