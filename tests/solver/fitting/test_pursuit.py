@@ -116,6 +116,20 @@ def test_one_exchange_of_each_function_is_the_best_one() -> None:
     assert list(least_squares_pursuit(*problem, size, replacements=1)[0, 2]) == support
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_after_enough_exchanges_none_pays_any_more(seed: int) -> None:
+    functions, signals = random_patch(seed, degree=6)
+    gram, correlation = problem_of(functions, signals)
+    chosen = least_squares_pursuit(gram, correlation, 5, replacements=30, worth=np.array([1e-300]))[0]
+    for signal, support in zip(signals, chosen, strict=True):
+        present = residual_norm(functions, signal, support)
+        for position in range(5):
+            for j in set(range(len(functions))) - set(support):
+                other = support.copy()
+                other[position] = j
+                assert residual_norm(functions, signal, other) >= present * (1.0 - 1e-6)
+
+
 @pytest.mark.parametrize("pursue", [matching_pursuit, least_squares_pursuit])
 def test_recovers_signals_of_few_functions(pursue) -> None:
     rng = np.random.default_rng(8)

@@ -51,6 +51,61 @@ def test_the_downhill_direction_is_half_the_gradient_by_finite_differences():
         assert difference == pytest.approx(-2.0 * (force.reshape(domain.shape) * direction).sum(), rel=1e-5)
 
 
+def objective_by_hand(batch, domain, support):
+    """Eq. 3 of the only problem, with dense least squares and the singular values of each triangle's Jacobian."""
+    functions, root = LEGENDRE.evaluate(batch.observed(domain))[0], batch.root_weights[0, 0]
+    total = WEIGHTS[0] * ((domain - batch.start) ** 2).sum()
+    for chosen, values in zip(support[0], batch.values[0], strict=True):
+        rows = (functions[chosen] * root).T
+        total += ((values * root - rows @ np.linalg.lstsq(rows, values * root, rcond=None)[0]) ** 2).sum()
+    before, after = batch.start[:, 0].T, domain[:, 0].T
+    for a, b, c in batch.triangles:
+        edges = [np.stack([points[b] - points[a], points[c] - points[a]], axis=1) for points in (before, after)]
+        jacobian = edges[1] @ np.linalg.inv(edges[0])
+        singular = np.linalg.svd(jacobian, compute_uv=False) * [1.0, np.sign(np.linalg.det(jacobian))]
+        total += WEIGHTS[1] * 0.5 * abs(np.linalg.det(edges[0])) * ((singular - 1.0) ** 2).sum()
+    return total
+
+
+def test_a_step_uphill_is_not_taken_and_raises_the_damping(monkeypatch):
+    batch = batch_of(crease)
+    fit = select(batch, LEGENDRE, batch.start, 8, "ols")
+    low = objective_by_hand(batch, batch.start, fit.support)
+    uphill = None
+
+    def moved(batch, orthonormal, gradient, weights, damping, force):
+        nonlocal uphill
+        direction = -force / np.abs(force).max()
+        lengths = 0.1 * 0.8 ** np.arange(40)
+        rises = [objective_by_hand(batch, batch.start + length * direction, fit.support) / low for length in lengths]
+        uphill, length = next((rise, length) for rise, length in zip(rises, lengths, strict=True) if rise < 1.2)
+        return length * direction
+
+    monkeypatch.setattr(variable_projection, "gauss_newton_move", moved)
+    state = State.at(batch.start.copy(), fit)
+    energy = variable_projection.step(batch, LEGENDRE, state, WEIGHTS)
+    assert 1.01 < uphill < 1.2
+    np.testing.assert_array_equal(state.domain, batch.start)
+    assert energy[0] == pytest.approx(low, rel=1e-6)
+    assert state.damping[0] > 0.0
+    assert state.settled[0]
+    before = state.damping.copy()
+    variable_projection.step(batch, LEGENDRE, state, WEIGHTS)
+    assert (state.damping > before).all()
+
+
+def test_a_step_downhill_is_taken_and_lowers_the_damping():
+    batch = batch_of(crease)
+    fit = select(batch, LEGENDRE, batch.start, 8, "ols")
+    low = objective_by_hand(batch, batch.start, fit.support)
+    state = State.at(batch.start.copy(), fit)
+    state.damping[:] = 1e-3
+    energy = variable_projection.step(batch, LEGENDRE, state, WEIGHTS)
+    assert energy[0] == pytest.approx(objective_by_hand(batch, state.domain, fit.support), rel=1e-3)  # the ridge
+    assert energy[0] < 0.95 * low
+    assert state.damping[0] < 1e-3
+
+
 def test_coefficients_are_those_of_dense_weighted_least_squares():
     batch = batch_of(crease, hill)
     fit = select(batch, LEGENDRE, batch.start, 15, "ols")
