@@ -83,9 +83,7 @@ class Settings(_Checked):
     """
 
     method: str = choice(
-        "default",
-        "How each patch is fitted",
-        **{method.name: method.text for method in METHODS.values()},
+        "default", "How each patch is fitted", **{method.name: method.text for method in METHODS.values()}
     )
     ring: int = number(7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12))
     degree: int = number(

@@ -20,6 +20,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
 RIDGE = 1e-12
 INDEPENDENT = 1e-10
 """A function counts as independent of the chosen ones while this share of its squared norm is left."""
@@ -50,26 +54,22 @@ class _Selection:
         Correlation of every function with the residual, (P, n).
     """
 
-    support: NDArray[np.int64]
-    inverse: NDArray[np.float64]
-    regression: NDArray[np.float64]
-    coefficients: NDArray[np.float64]
-    remaining: NDArray[np.float64]
-    correlation: NDArray[np.float64]
+    support: Indices
+    inverse: Array
+    regression: Array
+    coefficients: Array
+    remaining: Array
+    correlation: Array
 
-    def put(self, which: NDArray[np.int64], other: _Selection) -> None:
+    def put(self, which: Indices, other: _Selection) -> None:
         """Overwrite the problems `which` by those of `other`."""
         for item in fields(self):
             getattr(self, item.name)[which] = getattr(other, item.name)
 
 
 def matching_pursuit(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
-    sparsity: int,
-    allowed: NDArray[np.bool_] | None = None,
-    worth: NDArray[np.float64] | None = None,
-) -> NDArray[np.int64]:
+    gram: Array, correlation: Array, sparsity: int, allowed: Flags | None = None, worth: Array | None = None
+) -> Indices:
     """Orthogonal matching pursuit: repeatedly take the function most parallel to the residual.
 
     With r the residual of the least-squares fit on the functions chosen so far, the next one is
@@ -105,13 +105,13 @@ def matching_pursuit(
 
 
 def least_squares_pursuit(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
+    gram: Array,
+    correlation: Array,
     sparsity: int,
-    allowed: NDArray[np.bool_] | None = None,
+    allowed: Flags | None = None,
     replacements: int = 1,
-    worth: NDArray[np.float64] | None = None,
-) -> NDArray[np.int64]:
+    worth: Array | None = None,
+) -> Indices:
     """Orthogonal least squares: repeatedly take the function that lowers the residual most, then exchange.
 
     With P the projection on the functions chosen so far and r the residual, the next one is
@@ -148,12 +148,8 @@ def least_squares_pursuit(
 
 
 def reference_pursuit(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
-    sparsity: int,
-    allowed: NDArray[np.bool_] | None = None,
-    worth: NDArray[np.float64] | None = None,
-) -> NDArray[np.int64]:
+    gram: Array, correlation: Array, sparsity: int, allowed: Flags | None = None, worth: Array | None = None
+) -> Indices:
     """Orthogonal matching pursuit by scikit-learn, one signal at a time; parameters as in `matching_pursuit`.
 
     Returns
@@ -190,7 +186,7 @@ def reference_pursuit(
     return support
 
 
-PURSUITS: dict[str, Callable[..., NDArray[np.int64]]] = {
+PURSUITS: dict[str, Callable[..., Indices]] = {
     "ols": least_squares_pursuit,
     "omp": matching_pursuit,
     "sklearn": reference_pursuit,
@@ -199,13 +195,13 @@ PURSUITS: dict[str, Callable[..., NDArray[np.int64]]] = {
 
 
 def _greedy(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
+    gram: Array,
+    correlation: Array,
     sparsity: int,
-    allowed: NDArray[np.bool_] | None,
-    fixed_norm: NDArray[np.float64] | None,
-    worth: NDArray[np.float64] | None = None,
-) -> NDArray[np.int64]:
+    allowed: Flags | None,
+    fixed_norm: Array | None,
+    worth: Array | None = None,
+) -> Indices:
     """Forward selection: an orthogonalised row for each chosen function, as in a Gram-Schmidt process."""
     batch, signals, size = correlation.shape
     problems = batch * signals
@@ -243,12 +239,7 @@ def _greedy(
     return support.reshape(batch, signals, sparsity)
 
 
-def _replace_cyclically(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
-    support: NDArray[np.int64],
-    allowed: NDArray[np.bool_] | None,
-) -> NDArray[np.int64]:
+def _replace_cyclically(gram: Array, correlation: Array, support: Indices, allowed: Flags | None) -> Indices:
     """Replace each chosen function in turn by the best one for its place, which may be itself."""
     batch, signals, sparsity = support.shape
     size = gram.shape[-1]
@@ -274,12 +265,7 @@ def _replace_cyclically(
     return result.reshape(support.shape)
 
 
-def _or_low_degrees(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
-    support: NDArray[np.int64],
-    allowed: NDArray[np.bool_] | None,
-) -> NDArray[np.int64]:
+def _or_low_degrees(gram: Array, correlation: Array, support: Indices, allowed: Flags | None) -> Indices:
     """Take all functions up to the highest total degree that has room, where they fit no worse than the chosen ones.
 
     Where both leave only rounding errors, those of low degree do not oscillate between the observations.
@@ -297,9 +283,7 @@ def _or_low_degrees(
     return np.where(better[..., None], low, support)
 
 
-def _explained(
-    gram: NDArray[np.float64], correlation: NDArray[np.float64], support: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _explained(gram: Array, correlation: Array, support: Indices) -> tuple[Array, Flags]:
     """Squared length of the signals' projections on the chosen functions, (B, D), and whether these are independent."""
     some = support >= 0
     patch = np.arange(len(gram))[:, None, None, None]
@@ -311,17 +295,12 @@ def _explained(
     among[..., diagonal, diagonal] = 1.0 + RIDGE
     factor = np.linalg.cholesky(among)
     own = np.take_along_axis(correlation, support, axis=-1) * inverse_norm
-    explained: NDArray[np.float64] = (np.linalg.solve(factor, own[..., None])[..., 0] ** 2).sum(axis=-1)
-    smallest_pivot: NDArray[np.float64] = (factor[..., diagonal, diagonal] ** 2).min(axis=-1)
+    explained: Array = (np.linalg.solve(factor, own[..., None])[..., 0] ** 2).sum(axis=-1)
+    smallest_pivot: Array = (factor[..., diagonal, diagonal] ** 2).min(axis=-1)
     return explained, smallest_pivot > INDEPENDENT
 
 
-def _regress(
-    gram: NDArray[np.float64],
-    correlation: NDArray[np.float64],
-    support: NDArray[np.int64],
-    patch: NDArray[np.int64],
-) -> _Selection:
+def _regress(gram: Array, correlation: Array, support: Indices, patch: Indices) -> _Selection:
     """Least squares of the signals and of all functions on the chosen ones."""
     rows = gram[patch[:, None], support]
     among = np.take_along_axis(rows, support[:, None, :], axis=2)
@@ -337,9 +316,7 @@ def _regress(
     return _Selection(support.copy(), inverse, regression, coefficients, remaining, left_over)
 
 
-def _best_exchange(
-    chosen: _Selection, position: int, barred: NDArray[np.bool_], norm: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _best_exchange(chosen: _Selection, position: int, barred: Flags, norm: Array) -> tuple[Indices, Indices]:
     """Problems in which another function does better at `position`, and that function."""
     pivot = chosen.inverse[:, position, position][:, None]
     regression = chosen.regression[:, position]

@@ -48,7 +48,7 @@ class Trace:
         domain: Array,
         which: Indices | None = None,
     ) -> None:
-        """Write down an iterate.
+        """Record an iterate.
 
         Parameters
         ----------

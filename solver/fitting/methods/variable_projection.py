@@ -24,15 +24,7 @@ from ..batch import Batch
 from ..dictionary import Dictionary, coefficient_grid
 from ..domain_energy import largest_step
 from ..solution import Solution, Trace
-from ..sparse_fit import (
-    Fit,
-    generalisation_score,
-    least_squares,
-    merge,
-    refined_coefficients,
-    select,
-    select_validated,
-)
+from ..sparse_fit import Fit, generalisation_score, least_squares, merge, refined_coefficients, select, select_validated
 from .gauss_newton import gauss_newton_move
 
 Array = NDArray[np.float64]
