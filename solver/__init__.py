@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .approximation.approximate import Approximation, approximate, approximate_steps
-    from .cloud_settings import CloudSettings
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
     from .reconstruction.reconstruct import Reconstruction, reconstruct, reconstruct_steps
-    from .settings import PRESETS, Settings
+    from .settings import PRESETS, CloudSettings, Settings
     from .surface.representation import Representation
 
 _HOME = {
     "Approximation": "approximation.approximate",
     "Cancelled": "errors",
-    "CloudSettings": "cloud_settings",
+    "CloudSettings": "settings",
     "FINISH": "progress",
     "FileFormatError": "errors",
     "InputError": "errors",

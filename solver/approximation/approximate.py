@@ -22,7 +22,6 @@ from ..patches.patches import build_patches
 from ..patches.splitting import with_domains
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
-from ..surface.assembly import channels_of
 from ..surface.creases import crease_edges
 from ..surface.metrics import (
     domain_jacobians,
@@ -244,7 +243,7 @@ def solve_patches(
     state = {"hurry": False}
 
     def tasks() -> Iterator[ChunkTask]:
-        for chunk in chunk_patches(surface.observations, np.arange(count), channels_of(settings)):
+        for chunk in chunk_patches(surface.observations, np.arange(count), settings.channels):
             yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
     shown = preview.of(surface, fits) if preview is not None else None
@@ -277,7 +276,7 @@ def steady_patches(
     if not swinging.any():
         return observations
     denser = observations.with_dense(swinging)
-    chunks = chunk_patches(denser, np.flatnonzero(swinging), channels_of(settings))
+    chunks = chunk_patches(denser, np.flatnonzero(swinging), settings.channels)
     for task, fitted in crew.run(chunk_task(denser, domains, settings, chunk) for chunk in chunks):
         for patch, fit in zip(task.patches, fitted, strict=True):
             fits[patch] = fit
