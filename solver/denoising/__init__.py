@@ -10,6 +10,6 @@ Four steps, one module each:
 4. `vertex_update`: every vertex moves to where the patches around it meet.
 """
 
-from .pipeline import Denoised, denoise, denoise_steps
+from .denoise import Denoised, denoise, denoise_steps
 
 __all__ = ["Denoised", "denoise", "denoise_steps"]

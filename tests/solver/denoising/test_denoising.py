@@ -17,6 +17,7 @@ from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches,
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from threadpoolctl import threadpool_limits
 
 CLEAN = (
     "cube",
@@ -221,6 +222,21 @@ def test_the_displacement_is_what_moved_and_is_limited() -> None:
 def test_same_input_same_bytes() -> None:
     noisy, faces = noisy_cube()
     assert denoise(noisy, faces).vertices.tobytes() == denoise(noisy, faces).vertices.tobytes()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_neither_threads_nor_memory_change_a_bit(threads: int) -> None:
+    vertices, faces = noisy_cube()
+    rng = np.random.default_rng(threads)
+    expected = None
+    for _ in range(3):
+        scattered = [np.empty(int(size), np.uint8) for size in rng.integers(1, 200_000, 200)]
+        del scattered[::3]
+        with threadpool_limits(threads, user_api="blas"):
+            moved = denoise(vertices, faces).vertices.tobytes()
+        with threadpool_limits(1, user_api="blas"):
+            expected = expected or denoise(vertices, faces).vertices.tobytes()
+        assert moved == expected
 
 
 def test_place_scale_and_turn_do_not_matter() -> None:

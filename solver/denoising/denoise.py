@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SettingsError
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
+from ..threads import on_one_thread
 from .noise_level import STRONG, estimate_noise_level, mean_edge_length
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
@@ -120,7 +121,10 @@ def denoise_steps(
     """
     _check(noise_level, strength)
     given = np.asarray(vertices)
-    mesh = build_mesh(given, faces, triangles)
+    return (yield from on_one_thread(_denoised(given, build_mesh(given, faces, triangles), noise_level, strength)))
+
+
+def _denoised(given: NDArray[Any], mesh: TriangleMesh, noise_level: float | None, strength: float) -> Steps[Denoised]:
     yield Progress("Estimating the noise", 0.0)
     surface = build_surface(mesh)
     estimate = estimate_noise_level(mesh, surface)
