@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Indices
 from ..errors import SettingsError
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
@@ -20,10 +21,6 @@ from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
 from .surface import Surface, build_surface, normals_and_areas
 from .vertex_update import LARGEST_MOVE, fill_in, move_to_planes, update_directions
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int64]
 
 CLEAN = 0.03
 """Relief below this share of the mean edge length is taken for the mesh's own and left alone ..."""
@@ -66,7 +63,7 @@ class Denoised:
     noise_level: float
     estimated_noise_level: float
     relative_noise: float
-    displacement: Floats
+    displacement: Array
 
 
 def denoise(
@@ -151,7 +148,7 @@ def _lies_within(value: Any, low: float, high: float) -> bool:
     return not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= high
 
 
-def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: float) -> Steps[tuple[Floats, float]]:
+def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: float) -> Steps[tuple[Array, float]]:
     """Return the moved vertices, and the noise level that was used in the end.
 
     Starts from the level that is `asked` for; `known` is the noise that there can be.
@@ -174,7 +171,7 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: fl
     return np.where(held[:, None], mesh.vertices, moved * scale + centre), asked * 0.5**step
 
 
-def _pass(surface: Surface, noisy: Floats, noise_level: float, relative: float) -> Steps[tuple[Floats, Floats]]:
+def _pass(surface: Surface, noisy: Array, noise_level: float, relative: float) -> Steps[tuple[Array, Array]]:
     """Return vertices without noise of the given level, and their normals."""
     yield Progress("Filtering normals", 0.0)
     if relative < STRONG:
@@ -195,7 +192,7 @@ def _pass(surface: Surface, noisy: Floats, noise_level: float, relative: float) 
 
 
 def _average_of_patches(
-    surface: Surface, noisy: Floats, normals: Floats, noise_level: float, rule: PatchRule
+    surface: Surface, noisy: Array, normals: Array, noise_level: float, rule: PatchRule
 ) -> Steps[PatchAverage]:
     """Fit patches until each triangle lies in enough of them: few on plain sides, many where patches stay small."""
     fitter = PatchFitter(surface, noisy, normals, noise_level, rule)
@@ -214,6 +211,6 @@ def _average_of_patches(
     return average
 
 
-def _scattered(numbers: Integers) -> Integers:
+def _scattered(numbers: Indices) -> Indices:
     """Return the numbers in an order any beginning of which is spread evenly over them."""
     return numbers[np.argsort(np.arange(len(numbers)) * _GOLDEN % 1.0, kind="stable")]

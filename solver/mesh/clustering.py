@@ -8,13 +8,11 @@ for rendering complex scenes", 1993).  It is quick and keeps places, not topolog
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Indices
 from .grid_cells import one_in_each_cell, one_number
 from .triangulation import triangle_areas
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SAMPLE = 100_000
 """From so many triangles the area is estimated, for which the memory of a large mesh is not walked through."""
@@ -23,7 +21,7 @@ MARGIN = 1.05
 """By so much more than seems needed a cube grows, in length, where there are too many triangles still."""
 
 
-def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integers, Integers]:
+def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Indices, Indices]:
     """Return a coarser mesh on some of the vertices.
 
     Parameters
@@ -59,7 +57,7 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integ
         side *= MARGIN * np.sqrt(len(coarse) / most)
 
 
-def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:
+def _clusters(places: Array, side: float) -> tuple[Indices, Indices]:
     """Return the vertex that is kept of each occupied cube, (W,), in ascending order, and each vertex's row, (V,)."""
     nearest, number = one_in_each_cell(places, side)
     order = np.argsort(nearest)
@@ -68,7 +66,7 @@ def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:
     return nearest[order], row[number]
 
 
-def _each_once(corners: Integers) -> Integers:
+def _each_once(corners: Indices) -> Indices:
     """Return the triangles with three different corners, each once in whatever order its corners are, (S, 3)."""
     ordered = np.sort(corners, axis=1)
     proper = (ordered[:, 0] < ordered[:, 1]) & (ordered[:, 1] < ordered[:, 2])

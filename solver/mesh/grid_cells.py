@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from ..arrays import Array, Indices
 
 
-def one_in_each_cell(points: Floats, cell: float) -> tuple[Integers, Integers]:
+def one_in_each_cell(points: Array, cell: float) -> tuple[Indices, Indices]:
     """Choose in each cell of a grid the point that is nearest to the mean there.
 
     Parameters
@@ -33,7 +31,7 @@ def one_in_each_cell(points: Floats, cell: float) -> tuple[Integers, Integers]:
     return order[np.cumsum(count) - count], number
 
 
-def one_number(rows: Integers) -> Integers:
+def one_number(rows: Indices) -> Indices:
     """Return a number for each row of three that are not negative, (n,), which come in the order of the rows."""
     if not len(rows):
         return np.arange(0)

@@ -12,14 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Booleans, Indices
 from .triangle_mesh import TriangleMesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 FIRST_CANDIDATES = 8
 PAIRS_AT_ONCE = 1_000_000

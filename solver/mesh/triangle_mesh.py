@@ -19,13 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from ..arrays import offsets_of
+from ..arrays import Array, Booleans, Indices, offsets_of
 from ..errors import InputError
 from .triangulation import triangle_areas, triangulate
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
 _LARGEST_COORDINATE = 1e60  # squared areas still have to be finite
@@ -75,21 +71,21 @@ class TriangleMesh:
         those that no triangle uses.
     """
 
-    vertices: Floats
-    triangles: Integers
-    polygon: Integers
+    vertices: Array
+    triangles: Indices
+    polygon: Indices
     polygon_count: int
-    face_offsets: Integers
-    face_corners: Integers
-    nodes: Integers
-    node_vertex: Integers
-    triangle_edges: Integers
-    edges: Integers
-    edge_triangles: Integers
+    face_offsets: Indices
+    face_corners: Indices
+    nodes: Indices
+    node_vertex: Indices
+    triangle_edges: Indices
+    edges: Indices
+    edge_triangles: Indices
     adjacency: csr_array
-    fan_offsets: Integers
-    fan_triangles: Integers
-    component: Integers
+    fan_offsets: Indices
+    fan_triangles: Indices
+    component: Indices
     component_count: int
     border: Booleans
     winding: NDArray[np.int8]
@@ -129,7 +125,7 @@ class TriangleMesh:
         return csr_array((ones, self.triangle_edges[rows].reshape(-1), offsets), shape=shape)
 
     @cached_property
-    def border_loops(self) -> tuple[Integers, Integers]:
+    def border_loops(self) -> tuple[Indices, Indices]:
         """Open border that each edge lies on, (E,), -1 inside the surface, and the number of edges of each border."""
         on_border = np.flatnonzero(self.edge_triangles[:, 1] < 0)
         ends = self.edges[on_border]
@@ -141,7 +137,7 @@ class TriangleMesh:
         return loop, sides
 
     @cached_property
-    def twin_of_edge(self) -> Integers:
+    def twin_of_edge(self) -> Indices:
         """First edge between the same nodes for edges that are not alone between theirs, (E,); -1 for all others."""
         key = self.edges.min(axis=1) * np.int64(self.node_count) + self.edges.max(axis=1)
         _, first, number, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
@@ -188,7 +184,7 @@ def build_mesh(
 # ---------------------------------------------------------------------------------------------------- checking input
 
 
-def _checked_vertices(vertices: ArrayLike) -> Floats:
+def _checked_vertices(vertices: ArrayLike) -> Array:
     try:
         points = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -205,7 +201,7 @@ def _checked_vertices(vertices: ArrayLike) -> Floats:
     return points
 
 
-def _checked_faces(faces: ArrayLike | Sequence[Sequence[int]], vertex_count: int) -> tuple[Integers, Integers]:
+def _checked_faces(faces: ArrayLike | Sequence[Sequence[int]], vertex_count: int) -> tuple[Indices, Indices]:
     """Return the faces as one row of corners and offsets into it."""
     if isinstance(faces, np.ndarray) and faces.dtype != object:
         array = _checked_indices(faces, "faces")
@@ -231,7 +227,7 @@ def _checked_faces(faces: ArrayLike | Sequence[Sequence[int]], vertex_count: int
 
 def _checked_triangulation(
     triangles: tuple[ArrayLike, ArrayLike], vertex_count: int, face_count: int
-) -> tuple[Integers, Integers]:
+) -> tuple[Indices, Indices]:
     try:
         triples, polygon = (_checked_indices(np.asarray(part), "triangles") for part in triangles)
     except ValueError as error:
@@ -246,20 +242,20 @@ def _checked_triangulation(
     return triples, polygon
 
 
-def _checked_indices(array: NDArray[np.generic], name: str) -> Integers:
+def _checked_indices(array: NDArray[np.generic], name: str) -> Indices:
     if array.size and not np.issubdtype(array.dtype, np.integer):
         raise InputError(f"The {name} must consist of whole numbers.")
     return array.astype(np.int64)
 
 
-def _refuse_out_of_range(corners: Integers, vertex_count: int) -> None:
+def _refuse_out_of_range(corners: Indices, vertex_count: int) -> None:
     low, high = int(corners.min()), int(corners.max())
     if low < 0 or high >= vertex_count:
         wrong = low if low < 0 else high
         raise InputError(f"A face names vertex {wrong}, but the vertices are numbered from 0 to {vertex_count - 1}.")
 
 
-def _refuse_without_area(points: Floats, triangles: Integers) -> None:
+def _refuse_without_area(points: Array, triangles: Indices) -> None:
     used = points[triangles.reshape(-1)]
     side = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
     if side < 1 / _LARGEST_COORDINATE or triangle_areas((points - used[0]) / side, triangles).sum() <= 1e-15:
@@ -270,7 +266,7 @@ def _refuse_without_area(points: Floats, triangles: Integers) -> None:
 
 
 def _with_topology(
-    points: Floats, triangles: Integers, polygon: Integers, face_offsets: Integers, face_corners: Integers
+    points: Array, triangles: Indices, polygon: Indices, face_offsets: Indices, face_corners: Indices
 ) -> TriangleMesh:
     following = np.roll(triangles, -1, axis=1)
     collapsed = (triangles == following).any(axis=1)
@@ -316,9 +312,7 @@ def _with_topology(
     )
 
 
-def _join_sides(
-    points: Floats, triangles: Integers, following: Integers, proper: Booleans
-) -> tuple[Integers, Integers]:
+def _join_sides(points: Array, triangles: Indices, following: Indices, proper: Booleans) -> tuple[Indices, Indices]:
     """Pair the triangle sides that form an edge together.
 
     Side `3 t + i` of triangle t runs from its corner i to corner i + 1.  Returns the pairs of sides, (J, 2), and the
@@ -341,9 +335,7 @@ def _join_sides(
     return np.concatenate((joined, paired)), crowded
 
 
-def _pair_straightest(
-    points: Floats, triangles: Integers, sides: Integers, first: Integers, count: Integers
-) -> Integers:
+def _pair_straightest(points: Array, triangles: Indices, sides: Indices, first: Indices, count: Indices) -> Indices:
     """Join, at each edge with more than two triangles, those that continue each other best.
 
     A wall with a fin keeps its wall in one piece that way, and only the fin is cut off.
@@ -367,7 +359,7 @@ def _pair_straightest(
     return np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
 
 
-def _directions_from_edge(points: Floats, triangles: Integers, sides: Integers) -> Floats:
+def _directions_from_edge(points: Array, triangles: Indices, sides: Indices) -> Array:
     """Return the unit vectors from each side into its triangle, perpendicular to the side."""
     triangle, corner = np.divmod(sides, 3)
     a, b, c = (points[triangles[triangle, (corner + i) % 3]] for i in range(3))
@@ -376,14 +368,14 @@ def _directions_from_edge(points: Floats, triangles: Integers, sides: Integers) 
     return _unit(inward - (inward * along).sum(axis=-1, keepdims=True) * along)
 
 
-def _unit(vectors: Floats) -> Floats:
+def _unit(vectors: Array) -> Array:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def _split_into_fans(
-    triangles: Integers, following: Integers, joined: Integers, proper: Booleans, vertex_count: int
-) -> tuple[Integers, Integers]:
+    triangles: Indices, following: Indices, joined: Indices, proper: Booleans, vertex_count: int
+) -> tuple[Indices, Indices]:
     """Give every fan of triangles around a vertex a node; return the nodes of corners and the vertices of nodes."""
     corner_count = triangles.size
     one, two = joined[:, 0], joined[:, 1]
@@ -411,7 +403,7 @@ def _split_into_fans(
     return nodes.reshape(-1, 3), node_vertex
 
 
-def _number_edges(nodes: Integers, joined: Integers, proper: Booleans) -> tuple[Integers, Integers, Integers]:
+def _number_edges(nodes: Indices, joined: Indices, proper: Booleans) -> tuple[Indices, Indices, Indices]:
     """Return the edges of each triangle, the nodes of each edge and the triangles of each edge."""
     leader = np.arange(nodes.size)
     leader[joined.max(axis=1)] = joined.min(axis=1)
@@ -428,7 +420,7 @@ def _number_edges(nodes: Integers, joined: Integers, proper: Booleans) -> tuple[
     return side_edge.reshape(-1, 3), edges, edge_triangles
 
 
-def solve_winding(count: int, pairs: Integers, agree: Booleans, areas: Floats) -> NDArray[np.int8]:
+def solve_winding(count: int, pairs: Indices, agree: Booleans, areas: Array) -> NDArray[np.int8]:
     """Orient triangles consistently.
 
     Every triangle stands for two, itself and its reverse; what can be reached over edges without a change of side
@@ -466,7 +458,7 @@ def solve_winding(count: int, pairs: Integers, agree: Booleans, areas: Floats) -
     return winding
 
 
-def _solve_winding(points: Floats, triangles: Integers, joined: Integers) -> NDArray[np.int8]:
+def _solve_winding(points: Array, triangles: Indices, joined: Indices) -> NDArray[np.int8]:
     start = triangles.reshape(-1)
     agree = start[joined[:, 0]] != start[joined[:, 1]]
     return solve_winding(len(triangles), joined // 3, agree, triangle_areas(points, triangles))

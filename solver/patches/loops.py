@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from ..arrays import offsets_of
+from ..arrays import Booleans, Indices, offsets_of
 from .patches import Patches
-
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +25,12 @@ class Loops:
         Patch of each loop, (L,), ascending.
     """
 
-    offsets: Integers
-    vertices: Integers
-    patch: Integers
+    offsets: Indices
+    vertices: Indices
+    patch: Indices
 
     @property
-    def following(self) -> Integers:
+    def following(self) -> Indices:
         """The next vertex on the loop for each entry of `vertices`, (B,)."""
         following = np.roll(self.vertices, -1)
         following[self.offsets[1:] - 1] = self.vertices[self.offsets[:-1]]
@@ -62,7 +58,7 @@ def boundary_loops(patches: Patches) -> tuple[Loops, Loops]:
     return loops.select(outer), loops.select(~outer)
 
 
-def _boundary_sides(triangles: Integers, vertex_count: int) -> tuple[Integers, Integers]:
+def _boundary_sides(triangles: Indices, vertex_count: int) -> tuple[Indices, Indices]:
     """Return start and end of the triangle sides that have no opposite side."""
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
     ones = np.ones(len(start), dtype=np.int8)
@@ -73,7 +69,7 @@ def _boundary_sides(triangles: Integers, vertex_count: int) -> tuple[Integers, I
     return rows[kept].astype(np.int64), columns[kept].astype(np.int64)
 
 
-def _ordered(vertices: Integers, following: Integers, patch: Integers) -> Loops:
+def _ordered(vertices: Indices, following: Indices, patch: Indices) -> Loops:
     """Turn a permutation that leads from each vertex to the next into loops."""
     count = len(vertices)
     links = coo_array((np.ones(count, dtype=np.int8), (np.arange(count), following)), shape=(count, count)).tocsr()
@@ -90,7 +86,7 @@ def _ordered(vertices: Integers, following: Integers, patch: Integers) -> Loops:
     return Loops(offsets, result, patch[first[order]])
 
 
-def _rank_in_cycle(following: Integers, first: Integers) -> Integers:
+def _rank_in_cycle(following: Indices, first: Indices) -> Indices:
     """Return how many steps each element is behind the first of its cycle, by doubling the step."""
     count = len(following)
     preceding = np.empty(count, dtype=np.int64)

@@ -8,14 +8,11 @@ can be read off: edges across which the domain is stretched and the surface turn
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..fitting.domain_energy import DomainEnergy
 from ..mesh.triangle_mesh import TriangleMesh
 from .representation import Representation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CREASE_DEGREES = 25.0
 """Least angle between the surface's normals at the centroids on both sides of a crease."""

@@ -24,6 +24,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..errors import FileFormatError
 from ..settings import Settings
 from .representation import Representation
@@ -156,12 +157,12 @@ def to_bytes(representation: Representation) -> bytes:
     return file.getvalue()
 
 
-def _index_type(indices: NDArray[np.int64]) -> str:
+def _index_type(indices: Indices) -> str:
     largest = int(indices.max(initial=0))
     return next(kind for kind in INDICES if largest <= np.iinfo(kind).max)
 
 
-def _is_single(values: NDArray[np.float64]) -> bool:
+def _is_single(values: Array) -> bool:
     """Whether the values came from single precision."""
     with np.errstate(over="ignore"):
         return bool((values.astype(np.float32) == values).all())
@@ -365,11 +366,11 @@ def _check_functions(result: Representation) -> None:
     _demand((result.support >= -1).all() and (result.support < functions).all(), "a function is not in its dictionary")
 
 
-def _check_offsets(name: str, offsets: NDArray[np.int64], end: int) -> None:
+def _check_offsets(name: str, offsets: Indices, end: int) -> None:
     _demand(len(offsets) > 0 and offsets[0] == 0 and offsets[-1] == end, f"{name} does not span its array")
     _demand((np.diff(offsets) >= 0).all(), f"{name} does not ascend")
 
 
-def _check_range(name: str, indices: NDArray[np.int64], end: int) -> None:
+def _check_range(name: str, indices: Indices, end: int) -> None:
     # 64-bit unsigned numbers cannot occur, so nothing below is a wrapped one
     _demand(indices.min(initial=0) >= 0 and indices.max(initial=-1) < end, f"{name} names what is not there")

@@ -14,14 +14,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import runs_of_rows
+from ..arrays import Array, Indices, runs_of_rows
 from ..errors import InputError
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""

@@ -14,13 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import offsets_of, row_positions
+from ..arrays import Array, Indices, offsets_of, row_positions
 from ..errors import InputError
 from ..progress import Progress, Steps, run_to_end
 from .representation import Representation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 MOST_CORNERS = 2**31 - 1
 """Blender and most file formats count corners in 32 bits."""
