@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver.mesh.projection import closest_points
+from ..solver.mesh.closest_points import closest_points
 from ..solver.reconstruction.oscillation import triangle_grid
 from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings

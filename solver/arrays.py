@@ -34,3 +34,9 @@ def runs_of_rows(offsets: Indices, most: int) -> Iterator[tuple[int, int]]:
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     for first, end in zip(starts, np.append(starts, len(block))[1:], strict=True):
         yield int(first), int(end)
+
+
+def rows_in_order(rows: Indices, names: Indices, wanted: Indices) -> Indices:
+    """Return each row, (S, 3), permuted in such a way that the `names` of its entries come in the `wanted` order."""
+    place = (names[:, None, :] == wanted[:, :, None]).argmax(axis=2)
+    return np.take_along_axis(rows, place, axis=1)

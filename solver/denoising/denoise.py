@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
 from ..errors import SettingsError
+from ..mesh.normals import normals_and_areas
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..threads import on_one_thread
@@ -19,7 +20,7 @@ from .noise_level import STRONG, estimate_noise_level, mean_edge_length
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
-from .surface import Surface, build_surface, normals_and_areas
+from .surface import Surface, build_surface
 from .vertex_update import LARGEST_MOVE, fill_in, move_to_planes, update_directions
 
 CLEAN = 0.03

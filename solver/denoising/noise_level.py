@@ -8,9 +8,10 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array
 
 from ..arrays import Array, Booleans
+from ..mesh.normals import normals_and_areas, unit
 from ..mesh.triangle_mesh import TriangleMesh
 from .normal_filter import filter_normals
-from .surface import Surface, normals_and_areas, unit
+from .surface import Surface
 
 FEWEST_VERTICES = 200
 """With fewer vertices away from borders and creases than this, noise cannot be told from shape."""

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ..arrays import Array
-from .surface import Surface, normals_and_areas, unit
+from ..mesh.normals import normals_and_areas, unit
+from .surface import Surface
 
 _ITERATIONS = 3
 _WIDTH = 1.2  # of the deviation that the noise gives the difference of two normals

@@ -15,8 +15,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..arrays import Array, Booleans, Indices
+from ..mesh.normals import unit
+from ..mesh.quadrics import quadric_terms
 from .patch_growth import Claims, GrowingPatches, agreeing_neighbours, chunk_size
-from .surface import Surface, unit
+from .surface import Surface
 
 TERMS = 6  # 1, u, v, u^2, u v, v^2
 FEWEST_VERTICES = 8  # with fewer, or with less weight than that of so many, a quadratic says nothing
@@ -123,7 +125,7 @@ class Fits:
 
     def spread(self, at: Array) -> Array:
         """Return the variance of the heights at (u, v), (P, 2, N), for noise of variance 1, (P, N)."""
-        terms = quadratic_terms(at)
+        terms = _terms(at)
         return np.maximum(np.einsum("pin,pin->pn", self.variance @ terms, terms), 1e-12)
 
     def normals(self, at: Array) -> Array:
@@ -206,7 +208,7 @@ class PatchFitter:
         at_vertex, heights = self._local(vertices, self._vertices, seeds, frames)
         at_triangle, _ = self._local(triangles, self._centroids, seeds, frames)
         guide = (self._guide[triangles] @ frames).transpose(0, 2, 1)
-        terms = quadratic_terms(at_vertex)
+        terms = _terms(at_vertex)
         taper, ridge = _taper_and_ridge(at_vertex, vertices >= 0)
 
         def weights(triangle_weights: Array, vertex_weights: Array) -> Array:
@@ -264,10 +266,9 @@ class PatchFitter:
         return at, np.ascontiguousarray(local[..., 2])
 
 
-def quadratic_terms(at: Array) -> Array:
-    """Return 1, u, v, u^2, u v, v^2 at (u, v), (P, 2, N): (P, 6, N)."""
-    u, v = at[:, 0], at[:, 1]
-    return np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=1)
+def _terms(at: Array) -> Array:
+    """Return the quadratic's terms at (u, v), (P, 2, N): (P, 6, N)."""
+    return quadric_terms(at[:, 0], at[:, 1], axis=1)
 
 
 def local_normals(at: Array, coefficients: Array, lengths: Array) -> Array:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array, Indices
+from ..mesh.normals import unit
 from .one_sided_patches import Fits
-from .surface import unit
 
 _BUFFER = 1 << 19  # entries that are summed up at once
 _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

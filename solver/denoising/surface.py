@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..arrays import Array, Indices
+from ..arrays import Indices
 from ..mesh.triangle_mesh import TriangleMesh
 
 _CROWD = 64  # corners around a vertex beyond which its triangles count as neighbours only across edges
@@ -57,23 +57,3 @@ def _around(mesh: TriangleMesh, neighbours: Indices) -> csr_array:
     apart = around.row != around.col
     ones = np.ones(int(apart.sum()), dtype=np.int8)
     return coo_array((ones, (around.row[apart], around.col[apart])), shape=(count, count)).tocsr()
-
-
-def normals_and_areas(vertices: Array, triangles: Indices) -> tuple[Array, Array]:
-    """Return the unit normals, (T, 3), zero where a triangle has no area, and the areas, (T,)."""
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    crossed = np.asarray(np.cross(b - a, c - a), dtype=np.float64)
-    length = np.linalg.norm(crossed, axis=1)
-    return unit(crossed), 0.5 * length
-
-
-def vertex_normals(normals: Array, triangles: Indices, vertex_count: int) -> Array:
-    """Return the direction of the sum of the triangles' (weighted) normals at each vertex, (V, 3); zero where none."""
-    sums = [np.bincount(triangles.ravel(), np.repeat(normals[:, axis], 3), vertex_count) for axis in range(3)]
-    return unit(np.stack(sums, axis=1))
-
-
-def unit(vectors: Array) -> Array:
-    """Return the vectors at length 1; those without a length stay zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array, Booleans
-from .surface import Surface, unit, vertex_normals
+from ..mesh.normals import normals_around, unit
+from .surface import Surface
 
 LARGEST_MOVE = 3.5  # noise levels
 
@@ -82,7 +83,7 @@ def fill_in(vertices: Array, moved: Array, known: Booleans, surface: Surface, no
 
 def update_directions(normals: Array, areas: Array, surface: Surface, vertex_count: int) -> Array:
     """Return the unit normals of vertices, (V, 3), from the filtered normals of the triangles, (T, 3)."""
-    return vertex_normals(normals * np.sqrt(areas)[:, None], surface.triangles, vertex_count)
+    return normals_around(normals * np.sqrt(areas)[:, None], surface.triangles, vertex_count)
 
 
 def limited(moves: Array, longest: float) -> Array:

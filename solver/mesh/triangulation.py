@@ -44,12 +44,6 @@ def triangulate(points: Array, corners: Indices, offsets: Indices) -> tuple[Indi
     return np.concatenate(parts)[order], polygon[order]
 
 
-def triangle_areas(vertices: Array, triangles: Indices) -> Array:
-    """Return the area of each triangle, (T,), in squared scene units."""
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-
 def _without_repeats(corners: Indices, offsets: Indices) -> tuple[Indices, Indices]:
     previous = np.roll(corners, 1)
     previous[offsets[:-1]] = corners[offsets[1:] - 1]

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, vstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, vstack
 
 from ..arrays import Booleans, Indices
+from ..mesh.edges import connected_parts
 from ..mesh.triangle_mesh import TriangleMesh
 
 _LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
@@ -242,12 +242,9 @@ def _regions(
     position = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
     connected = (key[position] == wanted) & ~at_border
     own = np.broadcast_to(np.arange(len(key))[:, None], connected.shape)
-    graph = coo_array(
-        (np.ones(int(connected.sum()), dtype=np.int8), (own[connected], position[connected])), shape=(len(key),) * 2
-    ).tocsr()
-    count, region = connected_components(graph, directed=False)
+    count, region = connected_parts(own[connected], position[connected], len(key))
     around_row = np.repeat(np.arange(around.shape[0]), np.diff(around.indptr))
     known = np.isin(wanted, around_row * width + around.indices)
     leaks = np.zeros(count, dtype=bool)
     leaks[region[(~known & ~at_border).any(axis=1)]] = True
-    return region.astype(np.int64), leaks
+    return region, leaks

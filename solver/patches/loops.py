@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 from ..arrays import Booleans, Indices, offsets_of
+from ..mesh.edges import connected_parts
 from .patches import Patches
 
 
@@ -72,18 +72,13 @@ def _boundary_sides(triangles: Indices, vertex_count: int) -> tuple[Indices, Ind
 def _ordered(vertices: Indices, following: Indices, patch: Indices) -> Loops:
     """Turn a permutation that leads from each vertex to the next into loops."""
     count = len(vertices)
-    links = coo_array((np.ones(count, dtype=np.int8), (np.arange(count), following)), shape=(count, count)).tocsr()
-    _, label = connected_components(links, directed=False)
-    # Vertices are sorted by patch, so loops numbered by their lowest vertex are too.
-    _, first, loop, sizes = np.unique(label, return_index=True, return_inverse=True, return_counts=True)
-    order = np.argsort(first, kind="stable")
-    number = np.empty(len(first), dtype=np.int64)
-    number[order] = np.arange(len(first))
-    offsets = offsets_of(sizes[order])
-    rank = _rank_in_cycle(following, first[loop])
+    # Loops are numbered by their lowest vertex and vertices sorted by patch, so loops are sorted by patch too.
+    _, loop = connected_parts(np.arange(count), following, count)
+    _, first, sizes = np.unique(loop, return_index=True, return_counts=True)
+    offsets = offsets_of(sizes)
     result = np.empty(count, dtype=np.int64)
-    result[offsets[number[loop]] + rank] = vertices
-    return Loops(offsets, result, patch[first[order]])
+    result[offsets[loop] + _rank_in_cycle(following, first[loop])] = vertices
+    return Loops(offsets, result, patch[first])
 
 
 def _rank_in_cycle(following: Indices, first: Indices) -> Indices:

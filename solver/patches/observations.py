@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Booleans, Indices
 from ..errors import InputError
-from ..mesh.sampling import SURFACE_SAMPLES
+from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from .patches import Patches
 
@@ -24,8 +24,6 @@ SMALL_PATCH_DEGREE = 7
 CENTROID_WEIGHT = 0.5
 SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
-
-CENTROID = np.full((1, 3), 1.0 / 3.0)
 
 
 def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:

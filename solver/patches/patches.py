@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ..arrays import Booleans, Indices, offsets_of, row_positions
-from ..mesh.triangle_mesh import TriangleMesh, solve_winding
-from ..mesh.triangulation import triangle_areas
+from ..mesh.normals import triangle_areas
+from ..mesh.topology import solve_winding
+from ..mesh.triangle_mesh import TriangleMesh
 from .cover import build_cover
 from .disks import Disks, held_nodes, largest_disks, row_chunks
 

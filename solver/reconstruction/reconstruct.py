@@ -21,7 +21,8 @@ from ..approximation.approximate import SOLVE_ENDS, STAGES, SWEEPS_END, Stopwatc
 from ..approximation.runner import Crew, crew_for
 from ..cloud_settings import CloudSettings
 from ..errors import InputError
-from ..mesh.projection import Footpoints, project, walk
+from ..mesh.closest_points import Footpoints
+from ..mesh.projection import project, walk
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings

@@ -15,9 +15,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..arrays import Array, Indices, runs_of_rows
+from ..arrays import Array, Indices, rows_in_order, runs_of_rows
 from ..errors import InputError
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
+from ..mesh.normals import unit
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
@@ -101,9 +102,7 @@ class Representation:
         """
         counts = np.diff(self.triangle_offsets)
         own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
-        wanted = self.triangles[self.mesh_triangles]
-        place = (self.patch_vertices[own][:, None, :] == wanted[:, :, None]).argmax(axis=2)
-        return np.take_along_axis(own, place, axis=1)
+        return rows_in_order(own, self.patch_vertices[own], self.triangles[self.mesh_triangles])
 
     @cached_property
     def patch_of_triangle(self) -> Indices:
@@ -141,24 +140,6 @@ class Representation:
     def _grids(self) -> Array:
         """Coefficients spread over the degrees, (K, 3, t + 1, t + 1)."""
         return coefficient_grid(self.dictionary.degrees, self.support, self.coefficients, self.degree)
-
-    def patch_values(self, patch: int, domain: Array) -> Array:
-        """Values of one patch's functions.
-
-        Parameters
-        ----------
-        patch
-            Number of the patch.
-        domain
-            Parameters in the patch's frame, (C, N, 2).
-
-        Returns
-        -------
-        ndarray
-            Points in scene units, (N, 3).
-        """
-        u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
-        return self._combined(patch, u, v).T + self.origins[patch]
 
     def _combined(self, patch: int, u: Array, v: Array) -> Array:
         """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
@@ -263,9 +244,7 @@ class Representation:
     def normals(self, face_index: Indices, barycentric: Array) -> Array:
         """Unit normals of the surface, (N, 3); zero where the surface has no tangent plane."""
         tangents = self.evaluate_with_tangents(face_index, barycentric)[1]
-        normal = np.cross(tangents[:, 0], tangents[:, 1])
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+        return unit(np.asarray(np.cross(tangents[:, 0], tangents[:, 1]), dtype=np.float64))
 
     @cached_property
     def stored(self) -> bytes:

@@ -12,7 +12,7 @@ from sparse_surface.solver import FINISH, InputError, Progress, SettingsError
 from sparse_surface.solver.denoising import denoise, denoise_steps
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
 from sparse_surface.solver.denoising.normal_filter import filter_normals
-from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule, quadratic_terms
+from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
@@ -417,7 +417,8 @@ def test_a_patch_is_the_weighted_least_squares_quadratic() -> None:
     rule = PatchRule((60,), normal_width=0.3, largest_change=4.0, caution=1.0, misfit_power=1.0)
     guide = filter_normals(surface, vertices, 0.01)
     (fits,) = list(PatchFitter(surface, vertices, guide, 0.01, rule).fits(np.array([300, 500])))
-    terms = quadratic_terms(fits.at_vertex)
+    u, v = fits.at_vertex[:, 0], fits.at_vertex[:, 1]
+    terms = np.stack([u**0, u, v, u**2, u * v, v**2], axis=1)
     for patch in range(len(fits)):
         present = fits.vertices[patch] >= 0
         root = np.sqrt(fits.vertex_weights[patch, present])
