@@ -7,27 +7,35 @@ linear on the triangle.  What the weights miss of a sum of one goes to the input
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array, Indices, rows_in_order, runs_of_rows
+from ..atomic_files import atomic_output
 from ..errors import InputError
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.normals import unit
+from . import files
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
 
 ROUNDING = 1e-12
-"""What weights may miss a sum of one by."""
+"""By how much a sum of weights may miss one."""
 
 SLACK = 1e-4
-"""What barycentric coordinates may be off by; single precision computes them to 1e-7."""
+"""By how much barycentric coordinates may be off; single precision computes them to 1e-7."""
+
+HARMLESS = 2e-7
+"""Move of the surface, in longest sides, up to which domains are stored in single precision."""
 
 
 @dataclass(frozen=True)
@@ -248,10 +256,20 @@ class Representation:
 
     @cached_property
     def stored(self) -> bytes:
-        """The representation as the content of a file."""
-        from . import files as storage
+        """The representation as the content of a file; the same bytes for the same representation.
 
-        return storage.to_bytes(self)
+        Arrays are stored in small types, with the surface the same to 1e-6 of its longest side.
+        """
+        arrays = {name: getattr(self, name) for name in files.LAYERS}
+        rounded = self.domains.astype("<f4")
+        if self._moved_by(rounded) <= HARMLESS:
+            arrays["domains"] = rounded
+        return files.to_bytes({"blending": self.blending, "basis": self.basis, "degree": self.degree}, arrays)
+
+    def _moved_by(self, domains: NDArray[np.float32]) -> float:
+        """Largest move of a patch's surface when its domains are replaced by rounded ones, in longest sides."""
+        moved = replace(self, domains=domains.astype(np.float64)).at_patch_vertices - self.at_patch_vertices
+        return float(np.abs(moved).max(initial=0.0)) / float(np.ptp(self.vertices, axis=0).max())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
@@ -261,9 +279,8 @@ class Representation:
         OSError
             When the file cannot be written.
         """
-        from . import files as storage
-
-        storage.save(self, path)
+        with atomic_output(Path(path)) as draft:
+            draft.write_bytes(self.stored)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Representation:
@@ -276,9 +293,13 @@ class Representation:
         OSError
             When there is no such file, or it cannot be read.
         """
-        from . import files as storage
+        with open(path, "rb") as file:
+            return cls(**files.from_file(file, f"'{Path(path).name}'"))
 
-        return storage.load(path)
+    @classmethod
+    def from_bytes(cls, data: bytes, name: str = "The stored representation") -> Representation:
+        """Read what `stored` returned; `name` begins the sentence in which damaged bytes are refused."""
+        return cls(**files.from_file(io.BytesIO(data), name))
 
     def _evaluate(self, face_index: Indices, barycentric: Array, tangents: bool) -> Array:
         """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
