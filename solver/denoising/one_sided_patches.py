@@ -217,30 +217,25 @@ class PatchFitter:
             pooled = np.bincount(corner_places, each, vertices.size).reshape(vertices.shape)
             return vertex_weights * pooled / np.maximum(pooled.max(axis=1, keepdims=True), 1e-300)
 
+        def likeness(coefficients: Array) -> Array:
+            return _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
+
         upright = np.array([0.0, 0.0, 1.0])[:, None]
         first = weights(_welsch(guide - upright, max(0.35, 1.5 * self._rule.normal_width)), taper)
         coefficients = _least_squares(terms, first, heights, ridge)[0]
         residuals = heights - _values(terms, coefficients)
-        like = _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
         near = _welsch(residuals[:, None], _RESIDUAL_WIDTH * self._noise_level)
-        final = weights(like, taper * near)
+        final = weights(likeness(coefficients), taper * near)
         coefficients, gram, regular = _least_squares(terms, final, heights, ridge)
         variance = _variance(terms, final, regular)
         coefficients = _shrink_curvature(coefficients, regular, variance * self._noise_level**2)
         residuals = heights - _values(terms, coefficients)
-        like = _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
         effective, misfit = _quality(final, residuals / self._noise_level)
         return Fits(
-            triangles=triangles,
-            vertices=vertices,
-            frames=frames,
-            lengths=lengths,
-            coefficients=coefficients,
-            gram=gram,
-            variance=variance,
+            *(triangles, vertices, frames, lengths, coefficients, gram, variance),
             at_triangle=at_triangle,
             at_vertex=at_vertex,
-            triangle_weights=like * (triangles >= 0),
+            triangle_weights=likeness(coefficients) * (triangles >= 0),
             vertex_weights=final,
             residuals=residuals,
             misfit=misfit,

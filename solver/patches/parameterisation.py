@@ -9,17 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, solveh_banded
-from scipy.sparse import coo_array, csc_array, csr_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..mesh.triangle_mesh import TriangleMesh
+from .linear_systems import solve_held
 from .loops import Loops, boundary_loops
 from .patches import Patches
 
@@ -27,7 +23,6 @@ METHODS = ("lscm", "harmonic", "tutte")
 """The methods, in the order in which one stands in for the one before it."""
 
 _CHUNK = 20_000  # vertices factorised together; bounds the memory
-_WIDEST_BAND = 80  # beyond that a general sparse factorisation is faster
 _SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
 _UNUSABLE_RATIO = 1e-6
 _SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
@@ -135,9 +130,6 @@ def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Arr
     return points, chosen
 
 
-# ----------------------------------------------------------------------------------------------------------- geometry
-
-
 @dataclass(frozen=True, eq=False)
 class _Geometry:
     """Positions (M, 3) of patch vertices; edge lengths (S, 3), opposite to corner i, and areas (S,) of triangles.
@@ -198,9 +190,6 @@ def _scaled(patches: Patches, geometry: _Geometry, points: Array) -> Array:
     return centred * np.repeat(scale, sizes)[:, None]
 
 
-# ------------------------------------------------------------------------------------------------------------ methods
-
-
 def _cotangents(geometry: _Geometry) -> Array:
     """Return the cotangent of each triangle's angles, (S, 3)."""
     squared = geometry.lengths**2
@@ -244,7 +233,7 @@ def _solve_lscm(patches: Patches, geometry: _Geometry) -> Array:
     values[second[values[second] == 0]] = 1.0
     held = np.zeros(count, dtype=bool)
     held[first] = held[second] = True
-    solved = _solve_held(csr_array(energy), held, values)
+    solved = solve_held(csr_array(energy), held, values)
     return np.stack((solved.real, solved.imag), axis=1)
 
 
@@ -274,7 +263,7 @@ def _inside_circle(patches: Patches, geometry: _Geometry, weights: Array) -> Arr
     values[outer.vertices] = np.exp(1j * _angles(outer, geometry.positions))
     held = np.zeros(len(values), dtype=bool)
     held[outer.vertices] = True
-    solved = _solve_held(csr_array(laplacian), held, values)[:count]
+    solved = solve_held(csr_array(laplacian), held, values)[:count]
     return np.stack((solved.real, solved.imag), axis=1)
 
 
@@ -299,54 +288,6 @@ def _hubs(holes: Loops, count: int) -> coo_array:
     data = np.concatenate((-weight, -weight, weight, weight, *(0.5 * w for w in (-weight, -weight, weight, weight))))
     total = count + len(holes.patch)
     return coo_array((data, (rows, columns)), shape=(total, total))
-
-
-def _solve_held(matrix: csr_array, held: Booleans, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Minimise the quadratic form of a Hermitian block-diagonal matrix with some values held."""
-    result = np.where(held, values, 0.0)
-    if held.all():
-        return result
-    ordered = reverse_cuthill_mckee(matrix, symmetric_mode=True)
-    free = ordered[~held[ordered]]
-    result[free] = _solve_positive(matrix, free, -(matrix @ result)[free])
-    return result
-
-
-def _solve_positive(matrix: csr_array, order: Indices, right: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Solve the rows and columns `order` of a positive definite matrix.
-
-    Small patches make a narrow band, in which Cholesky's factorisation is faster than a general sparse one.
-    """
-    position = np.full(matrix.shape[0], -1, dtype=np.int64)
-    position[order] = np.arange(len(order))
-    row, column = np.repeat(position, np.diff(matrix.indptr)), position[matrix.indices]
-    upper = (row >= 0) & (column >= row)
-    row, column = row[upper], column[upper]
-    width = int((column - row).max())
-    if width <= _WIDEST_BAND:
-        band = np.zeros((width + 1, len(order)), dtype=matrix.dtype, order="F")
-        band[width + row - column, column] = matrix.data[upper]
-        try:
-            return _with_real_matrix(lambda sides: solveh_banded(band, sides, check_finite=False), matrix, right)
-        except LinAlgError:
-            pass  # rounding made it indefinite
-    factor = splu(
-        csc_array(matrix[order][:, order]),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return _with_real_matrix(factor.solve, matrix, right)
-
-
-def _with_real_matrix(
-    solve: Callable[[NDArray[Any]], NDArray[Any]], matrix: csr_array, right: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
-    """Solve for a complex right side, as two real ones where the matrix is real."""
-    if matrix.dtype.kind == "c":
-        return np.asarray(solve(right), dtype=np.complex128)
-    both = solve(np.stack((right.real, right.imag), axis=1))
-    return np.asarray(both[:, 0] + 1j * both[:, 1], dtype=np.complex128)
 
 
 def _far_apart(outer: Loops, positions: Array) -> tuple[Indices, Indices]:
