@@ -233,9 +233,6 @@ class _Local:
         return cls(node, patch, count, corners.reshape(-1, 3), row, triangle, members.shape[0])
 
 
-# --------------------------------------------------------------------------------------------------------- assembling
-
-
 def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
     pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in row_chunks(disks.members)]
     nodes, sizes, triangles, mesh_triangles, rim_distance = (

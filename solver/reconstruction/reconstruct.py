@@ -110,6 +110,8 @@ def reconstruct(
 ) -> Reconstruction:
     """Fit a sparse surface over a base mesh to a point cloud.
 
+    Minimises what `approximate` does, with the points as observations at their projections onto the base.
+
     Parameters
     ----------
     points
@@ -130,6 +132,13 @@ def reconstruct(
     ------
     InputError
         When points or base cannot be worked on, in one sentence.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import reconstruct
+    >>> result = reconstruct(points, base_vertices, base_faces)
+    >>> result.error.shape == (len(points),)
+    True
     """
     return run_to_end(reconstruct_steps(points, base_vertices, base_faces, settings, cloud, executor=executor), report)
 

@@ -16,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices, rows_in_order, runs_of_rows
 from ..atomic_files import atomic_output
@@ -41,6 +41,8 @@ HARMLESS = 2e-7
 @dataclass(frozen=True)
 class Representation:
     """K patches over a mesh of V vertices, T triangles; M patch vertices and S patch triangles in ragged arrays.
+
+    The surface is S(x) = sum_k phi_k(x) h_k(Phi_k(x)) + (1 - sum_k phi_k(x)) x (eqs. 1 and 6, section 4.2).
 
     Attributes
     ----------
@@ -214,8 +216,8 @@ class Representation:
         points[total == 0.0] = self.vertices[total == 0.0]
         return points
 
-    def evaluate(self, face_index: Indices, barycentric: Array) -> Array:
-        """Evaluate the surface.
+    def evaluate(self, face_index: ArrayLike, barycentric: ArrayLike) -> Array:
+        """Evaluate the surface S(x) at points x of the mesh.
 
         Parameters
         ----------
@@ -233,10 +235,17 @@ class Representation:
         ------
         InputError
             When a triangle does not exist or the arrays do not fit.
+
+        Examples
+        --------
+        >>> from sparse_surface.solver import approximate
+        >>> surface = approximate(vertices, faces).representation
+        >>> surface.evaluate([0, 5], [[1, 0, 0], [0.2, 0.3, 0.5]]).shape
+        (2, 3)
         """
         return self._evaluate(face_index, barycentric, tangents=False)[:, 0]
 
-    def evaluate_with_tangents(self, face_index: Indices, barycentric: Array) -> tuple[Array, Array]:
+    def evaluate_with_tangents(self, face_index: ArrayLike, barycentric: ArrayLike) -> tuple[Array, Array]:
         """Evaluate the surface and its first derivatives; parameters and errors as in `evaluate`.
 
         Returns
@@ -249,7 +258,7 @@ class Representation:
         result = self._evaluate(face_index, barycentric, tangents=True)
         return result[:, 0], result[:, 1:]
 
-    def normals(self, face_index: Indices, barycentric: Array) -> Array:
+    def normals(self, face_index: ArrayLike, barycentric: ArrayLike) -> Array:
         """Unit normals of the surface, (N, 3); zero where the surface has no tangent plane."""
         tangents = self.evaluate_with_tangents(face_index, barycentric)[1]
         return unit(np.asarray(np.cross(tangents[:, 0], tangents[:, 1]), dtype=np.float64))
@@ -274,17 +283,28 @@ class Representation:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
 
+        Parameters
+        ----------
+        path
+            The file; an existing one is replaced.
+
         Raises
         ------
         OSError
             When the file cannot be written.
+
+        Examples
+        --------
+        >>> from sparse_surface.solver import approximate, load, save
+        >>> save(approximate(vertices, faces).representation, folder / "model.npz")
+        >>> points = load(folder / "model.npz").at_vertices()
         """
         with atomic_output(Path(path)) as draft:
             draft.write_bytes(self.stored)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Representation:
-        """Read what `save` wrote.
+        """Read what `save` wrote; the surface is the same to 1e-6 of its longest side.
 
         Raises
         ------
@@ -301,7 +321,7 @@ class Representation:
         """Read what `stored` returned; `name` begins the sentence in which damaged bytes are refused."""
         return cls(**files.from_file(io.BytesIO(data), name))
 
-    def _evaluate(self, face_index: Indices, barycentric: Array, tangents: bool) -> Array:
+    def _evaluate(self, face_index: ArrayLike, barycentric: ArrayLike, tangents: bool) -> Array:
         """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
 
         The points are sorted by triangle, so that each patch finds its own in runs.
@@ -380,7 +400,7 @@ class Representation:
         return sums
 
 
-def _checked_queries(face_index: Indices, barycentric: Array, triangles: int) -> tuple[Indices, Array]:
+def _checked_queries(face_index: ArrayLike, barycentric: ArrayLike, triangles: int) -> tuple[Indices, Array]:
     face, inside = np.asarray(face_index), np.asarray(barycentric, dtype=np.float64)
     if face.ndim != 1 or inside.shape != (len(face), 3):
         raise InputError("Evaluating needs N face numbers and an array of N x 3 barycentric coordinates.")
@@ -390,3 +410,6 @@ def _checked_queries(face_index: Indices, barycentric: Array, triangles: int) ->
     if len(face) and not (inside.min() >= -SLACK and abs(inside.sum(axis=1) - 1.0).max() <= SLACK):
         raise InputError("Barycentric coordinates must be three numbers from 0 to 1 with the sum 1 for each point.")
     return face.astype(np.int64), inside
+
+
+save, load = Representation.save, Representation.load

@@ -19,7 +19,7 @@ from .representation import Representation
 from .subdivision import Grid, subdivided
 
 MOST_CORNERS = 2**31 - 1
-"""Blender and most file formats count corners in 32 bits."""
+"""The most corners that Blender and most file formats, with 32-bit indices, can hold."""
 
 POINTS_AT_ONCE = 200_000
 
@@ -88,25 +88,39 @@ class Resampled:
 
 
 def resample(representation: Representation, splits: int) -> Resampled:
-    """Evaluate a representation on a finer mesh.
+    """Evaluate a representation on a mesh with every edge split into N: S(x) = sum_k phi_k(x) h_k(Phi_k(x)).
+
+    Triangles become N^2 triangles and quads N^2 quads (section 4.2).
 
     Parameters
     ----------
     representation
         The surface.
     splits
-        N: into how many parts every edge is split.  With 1 the input's faces stay as they are.
+        N, the number of parts of every edge.  With 1 the input's faces stay as they are.
+
+    Returns
+    -------
+    Resampled
+        `vertices` (P, 3), `corners` (L,), `sizes` (F,), and how the input's layers get there.
 
     Raises
     ------
     InputError
-        When `splits` is no positive number, or the mesh would have more corners than can be counted.
+        When `splits` is not positive, or the mesh would have more corners than 32 bits can count.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import approximate, resample
+    >>> finer = resample(approximate(vertices, faces).representation, 2)
+    >>> len(finer.sizes) == 4 * len(faces)
+    True
     """
     return run_to_end(resample_steps(representation, splits))
 
 
 def resample_steps(representation: Representation, splits: int) -> Steps[Resampled]:
-    """`resample` as a generator of `Progress`."""
+    """`resample` as a generator of `Progress`; closing it cancels."""
     if splits < 1:
         raise InputError("Edges can be split into 1 part or more, not fewer.")
     corners = len(representation.face_corners) * splits**2

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from noisy import Array, Indices, diagonal, distance_from_clean, face_normals, halved, with_noise
 from sparse_surface.benchmarks import generated_models as models
-from sparse_surface.solver import FINISH, InputError, Progress, SettingsError
-from sparse_surface.solver.denoising import denoise, denoise_steps
+from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, denoise, denoise_steps
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
 from sparse_surface.solver.denoising.normal_filter import filter_normals
 from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule
