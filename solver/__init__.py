@@ -13,7 +13,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .approximation.approximate import Approximation, approximate, approximate_steps
+    from .approximation.approximate import approximate, approximate_steps
+    from .approximation.result import Approximation
     from .cloud_settings import CloudSettings
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from .surface.representation import Representation
 
 _HOME = {
-    "Approximation": "approximation.approximate",
+    "Approximation": "approximation.result",
     "Cancelled": "errors",
     "CloudSettings": "cloud_settings",
     "FINISH": "progress",
