@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solver import Settings, approximate
-from ..solver.denoising import denoise
+from ..solver.denoising.denoise import denoise
 from ..solver.mesh.triangulation import triangulate
 from ..solver.surface.metrics import normal_error
 from .bilateral import filtered

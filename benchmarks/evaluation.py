@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..solver import Settings, approximate
-from ..solver.surface.files import from_bytes
+from ..solver.surface.representation import Representation
 from .cases import Case, alone, generated, unit_seconds
 from .smoothness import bends
 from .tables import Table
@@ -59,7 +59,7 @@ def evaluate(case: Case, points: int = POINTS) -> Evaluated:
     """Approximate a model and measure its representation; meant to run in a process of its own."""
     vertices, faces = case.arrays if case.arrays is not None else generated(case.model, case.size)
     surface = approximate(vertices, faces, Settings(**{**case.settings, "workers": 1})).representation
-    loaded = from_bytes(surface.stored)
+    loaded = Representation.from_bytes(surface.stored)
     rng = np.random.default_rng(0)
     face, inside = rng.integers(0, len(surface.triangles), points), rng.dirichlet([1.0, 1.0, 1.0], points)
     surface.evaluate(face[:10], inside[:10])  # what is prepared once

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver.mesh.projection import closest_points
+from ..solver.mesh.closest_points import closest_points
 from ..solver.reconstruction.oscillation import triangle_grid
 from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings
