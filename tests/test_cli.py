@@ -188,7 +188,7 @@ def test_denoising_by_preset_strength_and_level(tmp_path: Path) -> None:
     ("content", "name", "words"),
     [
         (None, "absent.obj", "There is no file"),
-        ("hello", "text.txt", "no kind that can be read"),
+        ("hello", "text.txt", "not a kind of file that can be read"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "points.obj", "no "),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line.obj", "no area"),
         ("", "empty.obj", "no mesh"),
