@@ -6,16 +6,15 @@ A chunk's fits are a pure function of its task: the same bytes in any process an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from ..patch_methods import METHODS
 from ..patches.blending import fitting_weights
 from ..patches.observations import Observations, PatchObservations
 from ..settings import Settings
+from ..threads import one_thread
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .dictionary import Dictionary
 from .methods import solver_of
@@ -157,12 +156,6 @@ def problems_of(
     ]
 
 
-@lru_cache(maxsize=1)
-def _thread_pools() -> ThreadpoolController:
-    """The thread pools of this process's libraries; finding them takes longer than limiting them."""
-    return ThreadpoolController()
-
-
 def fit_chunk(task: ChunkTask) -> list[PatchFit]:
     """Fit the patches of a chunk on one thread; if memory runs out, half of them at a time.
 
@@ -200,7 +193,7 @@ def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
 
 def _fit_batch(task: ChunkTask) -> list[PatchFit]:
     settings = task.settings
-    with _thread_pools().limit(limits=1, user_api="blas"):
+    with one_thread():
         batch = build_batch(task.problems, turn=METHODS[settings.method].turns_domain)
         # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
         dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)
