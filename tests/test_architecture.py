@@ -27,7 +27,8 @@ Sources = dict[str, str]
 """Text of each file by its path in the checkout."""
 
 FLOORS = (
-    "solver.arrays solver.atomic_files solver.errors solver.progress solver.version",
+    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.progress "
+    "solver.threads solver.version",
     "solver.settings solver.mesh solver.processes",
     "solver.patches solver.denoising",
     "solver.fitting",
