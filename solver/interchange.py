@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloud_settings import CloudSettings
+from .settings import CloudSettings
 
 if TYPE_CHECKING:
     from .surface.representation import Representation
@@ -144,9 +144,9 @@ class StoredRepresentation:
 
     @cached_property
     def _opened(self) -> Representation:
-        from .surface.files import from_bytes  # SciPy
+        from .surface.representation import Representation  # SciPy
 
-        return from_bytes(self.stored)
+        return Representation.from_bytes(self.stored)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):  # asked for by `copy` and `pickle`

@@ -7,12 +7,10 @@ import numpy as np
 from ..approximation.approximate import strongest_patch
 from ..interchange import CloudArrays, CloudOutcome
 from ..progress import Steps, within
-from ..settings import Settings
+from ..settings import MOST_AUTOMATIC_SPLITS, Settings
 from ..surface.metrics import domain_jacobians, domain_stretch
 from ..surface.resampling import resample_steps
 from .reconstruct import reconstruct_steps
-
-MOST_SPLITS = 32
 
 
 def automatic_splits(points: int, triangles: int) -> int:
@@ -20,7 +18,7 @@ def automatic_splits(points: int, triangles: int) -> int:
 
     A mesh has half as many vertices as triangles, and the square of the parts as many triangles.
     """
-    return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_SPLITS))
+    return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_AUTOMATIC_SPLITS))
 
 
 def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
