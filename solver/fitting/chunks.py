@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..patches.blending import fitting_weights
 from ..patches.observations import Observations, PatchObservations
+from ..processes.threads import one_thread
 from ..settings import Settings
-from ..threads import one_thread
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .dictionary import Dictionary
 from .methods import augmented_lagrangian, fixed_domain, variable_projection
