@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..operators.files.formats import POINTS, READABLE
-from ..solver.cloud_settings import CloudSettings
-from ..solver.settings import PRESETS, Settings
+from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
 from .outputs import MESH, OUTPUTS, REPORT
 

@@ -15,24 +15,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .approximation.approximate import Approximation, approximate, approximate_steps
-    from .cloud_settings import CloudSettings
+    from .approximation.approximate import approximate, approximate_steps
+    from .approximation.result import Approximation
     from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
     from .reconstruction.reconstruct import Reconstruction, reconstruct, reconstruct_steps
-    from .settings import PRESETS, Settings
+    from .settings import PRESETS, CloudSettings, Settings
     from .surface.representation import Representation, load, save
     from .surface.resampling import resample, resample_steps
 
 _NAMES = {
-    "approximation.approximate": ("Approximation", "approximate", "approximate_steps"),
-    "cloud_settings": ("CloudSettings",),
+    "approximation.approximate": ("approximate", "approximate_steps"),
+    "approximation.result": ("Approximation",),
     "denoising.denoise": ("denoise", "denoise_steps"),
     "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
     "progress": ("FINISH", "Progress", "run_to_end"),
     "reconstruction.reconstruct": ("Reconstruction", "reconstruct", "reconstruct_steps"),
-    "settings": ("PRESETS", "Settings"),
+    "settings": ("PRESETS", "CloudSettings", "Settings"),
     "surface.representation": ("Representation", "load", "save"),
     "surface.resampling": ("resample", "resample_steps"),
 }

@@ -29,7 +29,7 @@ Sources = dict[str, str]
 FLOORS = (
     "solver.arrays solver.atomic_files solver.errors solver.progress solver.version",
     "solver.settings solver.mesh solver.processes",
-    "solver.cloud_settings solver.patches solver.denoising",
+    "solver.patches solver.denoising",
     "solver.fitting",
     "solver.surface",
     "solver.approximation",

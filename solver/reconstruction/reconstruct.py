@@ -19,13 +19,12 @@ from scipy.spatial import cKDTree
 
 from ..approximation.approximate import SOLVE_ENDS, STAGES, SWEEPS_END, Stopwatch, iteration_measures
 from ..approximation.runner import Crew, crew_for
-from ..cloud_settings import CloudSettings
 from ..errors import InputError
 from ..mesh.closest_points import Footpoints
 from ..mesh.projection import project, walk
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
-from ..settings import Settings
+from ..settings import CloudSettings, Settings
 from ..surface.metrics import domain_jacobians, flipped_triangles, seam, statistics
 from ..surface.representation import Representation
 from ..version import VERSION
