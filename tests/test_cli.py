@@ -245,13 +245,13 @@ def test_cancelled(tmp_path: Path) -> None:
 
 
 def test_an_older_output_is_kept_when_writing_fails(model: Path, tmp_path: Path) -> None:
-    from sparse_surface.operators.files.atomic import beside
+    from sparse_surface.solver.atomic_files import atomic_output
 
     target = tmp_path / "old.json"
     target.write_text("old")
 
     def fail_in_the_middle() -> None:
-        with beside(target) as draft:
+        with atomic_output(target) as draft:
             draft.write_text("half")
             raise OSError("disk full")
 
