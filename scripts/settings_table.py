@@ -1,4 +1,4 @@
-"""Write the table of settings in README.md anew from the solver's own list (a test compares them)."""
+"""Fill the tables of docs/settings.md from the solver's own list of settings (a test compares them)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,23 @@ import re
 import sys
 from pathlib import Path
 
-from sparse_surface.solver.settings import Settings
+from sparse_surface.solver import CloudSettings, Settings
 
-README = Path(__file__).resolve().parent.parent / "README.md"
-BLOCK = re.compile(r"(?<=<!-- settings -->\n).*?(?=<!-- end of settings -->)", re.DOTALL)
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "settings.md"
+BLOCK = re.compile(r"(?<=<!-- settings: )(\w+) -->\n.*?(?=<!-- end of settings -->)", re.DOTALL)
+EVERYDAY = (
+    "method", "ring", "sparsity", "tolerance", "domains", "denoise", "denoise_strength", "noise_level", "pin_boundary",
+    "mark_creases", "workers",
+)  # fmt: skip
+PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
+
+
+def groups() -> dict[str, list[dataclasses.Field[object]]]:
+    """Return the settings of each group, in the order of the fields; what belongs to no other is for experts."""
+    found: dict[str, list[dataclasses.Field[object]]] = {"everyday": [], "expert": [], "paper": []}
+    for item in dataclasses.fields(Settings):
+        found["everyday" if item.name in EVERYDAY else "paper" if item.name in PAPER else "expert"].append(item)
+    return {**found, "points": list(dataclasses.fields(CloudSettings))}
 
 
 def default_of(item: dataclasses.Field[object]) -> str:
@@ -34,21 +47,26 @@ def effect_of(item: dataclasses.Field[object]) -> str:
     return ". ".join(sentence.rstrip(".") for sentence in sentences).replace("|", "\\|") + "."
 
 
-def table() -> str:
-    """Return the table as Markdown, ending in a line break."""
+def table(group: str) -> str:
+    """Return the table of a group as Markdown, ending in a line break."""
     lines = ["| setting | default | values | effect and cost |", "| --- | --- | --- | --- |"]
-    for item in dataclasses.fields(Settings):
+    for item in groups()[group]:
         cells = (f"`{item.name}`", default_of(item), choice_of(item), effect_of(item))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
+def filled(text: str) -> str:
+    """Return the page's text with its tables as they should be."""
+    return BLOCK.sub(lambda found: f"{found[1]} -->\n{table(found[1])}", text)
+
+
 def main() -> int:
-    text = README.read_text(encoding="utf-8")
-    if not BLOCK.search(text):
-        print("README.md has no place for the settings.", file=sys.stderr)
+    text = PAGE.read_text(encoding="utf-8")
+    if {found[1] for found in BLOCK.finditer(text)} != groups().keys():
+        print(f"{PAGE.name} must have one place for each of: {', '.join(groups())}.", file=sys.stderr)
         return 1
-    README.write_text(BLOCK.sub(lambda _: table(), text), encoding="utf-8")
+    PAGE.write_text(filled(text), encoding="utf-8")
     return 0
 
 
