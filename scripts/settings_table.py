@@ -10,7 +10,7 @@ from pathlib import Path
 from sparse_surface.solver import CloudSettings, Settings
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "settings.md"
-BLOCK = re.compile(r"(?<=<!-- settings: )(\w+) -->\n.*?(?=<!-- end of settings -->)", re.DOTALL)
+BLOCK = re.compile(r"(?<=<!--settings:)(\w+)-->\n.*?(?=<!--/settings-->)", re.DOTALL)
 EVERYDAY = (
     "method", "ring", "sparsity", "tolerance", "domains", "denoise", "denoise_strength", "noise_level", "pin_boundary",
     "mark_creases", "workers",
@@ -23,7 +23,7 @@ def groups() -> dict[str, list[dataclasses.Field[object]]]:
     found: dict[str, list[dataclasses.Field[object]]] = {"everyday": [], "expert": [], "paper": []}
     for item in dataclasses.fields(Settings):
         found["everyday" if item.name in EVERYDAY else "paper" if item.name in PAPER else "expert"].append(item)
-    return {**found, "points": list(dataclasses.fields(CloudSettings))}
+    return {**found, "clouds": list(dataclasses.fields(CloudSettings))}
 
 
 def default_of(item: dataclasses.Field[object]) -> str:
@@ -58,7 +58,7 @@ def table(group: str) -> str:
 
 def filled(text: str) -> str:
     """Return the page's text with its tables as they should be."""
-    return BLOCK.sub(lambda found: f"{found[1]} -->\n{table(found[1])}", text)
+    return BLOCK.sub(lambda found: f"{found[1]}-->\n{table(found[1])}", text)
 
 
 def main() -> int:
