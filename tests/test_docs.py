@@ -6,11 +6,13 @@ import ast
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from sparse_surface.solver import CloudSettings, Settings
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
@@ -123,3 +125,14 @@ def test_commands_have_options_that_exist(page: Path) -> None:
     for command, arguments in COMMAND.findall(page.read_text(encoding="utf-8")):
         used = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", arguments))
         assert used <= options_of(command), (command, used - options_of(command))
+
+
+def test_user_guide_names_what_the_interface_has() -> None:
+    paths = [path for folder in ("ui", "operators") for path in (CHECKOUT / folder).rglob("*.py")]
+    sources = [path.read_text(encoding="utf-8") for path in paths]
+    labels = set(re.findall(r'"([^"\n]+)"', "\n".join(sources)))
+    labels |= {item.name.replace("_", " ").title() for kind in (Settings, CloudSettings) for item in fields(kind)}
+    page = (CHECKOUT / "docs" / "user-guide.md").read_text(encoding="utf-8")
+    named = {part.strip() for bold in re.findall(r"\*\*([^*]+)\*\*", page) for part in bold.split(" > ")}
+    assert len(named) > 30
+    assert named - labels == set()
