@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,7 +18,6 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
-from sparse_surface.solver import CloudSettings, Settings
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGES = tuple(
@@ -145,14 +143,6 @@ def test_supported_blenders() -> None:
     for version, pinned in files.items():
         assert str(pin(pinned["bpy"])).startswith(version + ".")
         assert str(pinned["bpy"].marker) in ('python_version == "3.11"', 'python_version == "3.13"')
-
-
-def test_settings_page_lists_every_setting_once_as_it_is() -> None:
-    settings_table = script("settings_table")
-    text = settings_table.PAGE.read_text(encoding="utf-8")
-    assert text == settings_table.filled(text), "write it again: .venv/bin/python scripts/settings_table.py"
-    listed = re.findall(r"^\| `(\w+)` \| .* \| .* \| .*\.", text, re.MULTILINE)
-    assert sorted(listed) == sorted(item.name for kind in (Settings, CloudSettings) for item in fields(kind))
 
 
 def test_documents_name_targets_that_exist() -> None:

@@ -1,29 +1,36 @@
-"""Fill the tables of docs/settings.md from the solver's own list of settings (a test compares them)."""
+"""Fill the marked places of README.md and docs/: measured figures, and tables of settings.
+
+Measured figures stand between `<!--measured:KEY-->` and `<!--/measured-->` (see `benchmarks/measured.py` for keys),
+settings between lines `<!--settings:GROUP-->` and `<!--/settings-->`: everyday, expert, paper, clouds or all.
+A test compares every marked place with its source.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import re
 import sys
-from pathlib import Path
 
+from sparse_surface.benchmarks import measured
 from sparse_surface.solver import CloudSettings, Settings
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "settings.md"
-BLOCK = re.compile(r"(?<=<!--settings:)(\w+)-->\n.*?(?=<!--/settings-->)", re.DOTALL)
+BLOCK = re.compile(r"(<!--settings:(?P<group>\w+)-->\n)(?P<table>.*?)(<!--/settings-->)", re.DOTALL)
+
 EVERYDAY = (
-    "method", "ring", "sparsity", "tolerance", "domains", "denoise", "denoise_strength", "noise_level", "pin_boundary",
-    "mark_creases", "workers",
-)  # fmt: skip
+    *("method", "domains", "ring", "sparsity", "sweeps", "tolerance", "denoise", "denoise_strength", "noise_level"),
+    *("mark_creases", "pin_boundary", "workers"),
+)
 PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
+"""Settings of the paper's own iteration."""
 
 
-def groups() -> dict[str, list[dataclasses.Field[object]]]:
-    """Return the settings of each group, in the order of the fields; what belongs to no other is for experts."""
-    found: dict[str, list[dataclasses.Field[object]]] = {"everyday": [], "expert": [], "paper": []}
-    for item in dataclasses.fields(Settings):
-        found["everyday" if item.name in EVERYDAY else "paper" if item.name in PAPER else "expert"].append(item)
-    return {**found, "clouds": list(dataclasses.fields(CloudSettings))}
+def group_of(name: str) -> list[dataclasses.Field[object]]:
+    """Return the settings of a group."""
+    if name == "clouds":
+        return list(dataclasses.fields(CloudSettings))
+    items = {item.name: item for item in dataclasses.fields(Settings)}
+    expert = [name for name in items if name not in (*EVERYDAY, *PAPER)]
+    return [items[each] for each in {"everyday": EVERYDAY, "expert": expert, "paper": PAPER, "all": items}[name]]
 
 
 def default_of(item: dataclasses.Field[object]) -> str:
@@ -50,23 +57,24 @@ def effect_of(item: dataclasses.Field[object]) -> str:
 def table(group: str) -> str:
     """Return the table of a group as Markdown, ending in a line break."""
     lines = ["| setting | default | values | effect and cost |", "| --- | --- | --- | --- |"]
-    for item in groups()[group]:
+    for item in group_of(group):
         cells = (f"`{item.name}`", default_of(item), choice_of(item), effect_of(item))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
 def filled(text: str) -> str:
-    """Return the page's text with its tables as they should be."""
-    return BLOCK.sub(lambda found: f"{found[1]}-->\n{table(found[1])}", text)
+    """Return a page with every marked place filled."""
+    text = BLOCK.sub(lambda block: block[1] + table(block["group"]) + block[4], text)
+    return measured.filled(text, measured.read())
 
 
 def main() -> int:
-    text = PAGE.read_text(encoding="utf-8")
-    if {found[1] for found in BLOCK.finditer(text)} != groups().keys():
-        print(f"{PAGE.name} must have one place for each of: {', '.join(groups())}.", file=sys.stderr)
-        return 1
-    PAGE.write_text(filled(text), encoding="utf-8")
+    for path in measured.pages():
+        text = path.read_text(encoding="utf-8")
+        if filled(text) != text:
+            measured.write(path, filled(text))
+            print(path.relative_to(measured.CHECKOUT))
     return 0
 
 
