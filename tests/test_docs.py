@@ -136,3 +136,14 @@ def test_user_guide_names_what_the_interface_has() -> None:
     named = {part.strip() for bold in re.findall(r"\*\*([^*]+)\*\*", page) for part in bold.split(" > ")}
     assert len(named) > 30
     assert named - labels == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_and_tests_that_a_page_names_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    folders = "benchmarks|command_line|examples|operators|scripts|solver|tests|ui"
+    for path in re.findall(rf"(?<![\w/])(?:{folders})/[\w/]*\.(?:py|json|md)", text):
+        assert (CHECKOUT / path).exists(), path
+    tests = {path: path.read_text(encoding="utf-8") for path in (CHECKOUT / "tests").rglob("test_*.py")}
+    names = {path.stem for path in tests} | set(re.findall(r"^def (test_\w+)", "\n".join(tests.values()), re.MULTILINE))
+    assert set(re.findall(r"`(test_\w+)`", text)) <= names
