@@ -5,8 +5,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Protocol, cast
 
-import numpy as np
-
 from ...arrays import Array, Indices
 from ...patch_methods import METHODS
 from ...settings import Settings
