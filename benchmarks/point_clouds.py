@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solver.mesh.closest_points import closest_points
-from ..solver.reconstruction.oscillation import triangle_grid
+from ..solver.mesh.sampling import triangle_grid
 from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings
 from .cases import unit_seconds
