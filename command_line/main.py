@@ -360,7 +360,7 @@ def _write_patch(options: argparse.Namespace, surface: Any) -> None:
 
     from ..operators.data import meshes as mesh_data
     from ..operators.files import formats as files
-    from ..operators.inspect_patch import lay_out_patch
+    from ..operators.representation.patch_sheets import lay_out_patch
 
     bpy.ops.wm.read_homefile(use_empty=True)
     name = options.representation.stem
@@ -380,10 +380,10 @@ def compare_file(options: argparse.Namespace) -> None:
     check_writable_kinds(options)
     import bpy
 
-    from ..operators.compare_methods import make_pair
     from ..operators.data import meshes as mesh_data
     from ..operators.data.colours import ColourScale
     from ..operators.files import formats as files
+    from ..operators.heat_map.pairs import make_pair
     from ..solver.errors import InputError
     from ..solver.job import approximate_arrays
 
@@ -412,6 +412,7 @@ def approximate_file(options: argparse.Namespace) -> None:
 
     from ..operators.data import meshes as mesh_data
     from ..operators.data.colours import ColourScale
+    from ..operators.data.results import create_result
     from ..operators.files import formats as files
     from ..solver.job import approximate_arrays
 
@@ -422,7 +423,7 @@ def approximate_file(options: argparse.Namespace) -> None:
         with progress_display(source.name) as show:
             result = run_to_end(approximate_arrays(read.arrays, settings), show)
         scale = ColourScale(0.0, float(result.error.max(initial=0.0)))
-        made_object = mesh_data.create_result(bpy.context, read, result, scale)
+        made_object = create_result(bpy.context, read, result, scale)
         made.append(Made(source, made_object, result.report, result.representation))
         print(summary(source.name, result.report), flush=True)
     write_outputs(options, made)
@@ -434,10 +435,10 @@ def reconstruct_file(options: argparse.Namespace) -> None:
     _require_blender()
     import bpy
 
-    from ..operators.data import points as cloud_data
     from ..operators.data.colours import ColourScale
+    from ..operators.data.points import read_cloud
+    from ..operators.data.results import create_surface
     from ..operators.files import points as point_files
-    from ..operators.reconstruct import read_cloud
     from ..solver.reconstruction.evaluated import reconstruct_arrays
 
     check_writable_kinds(options)
@@ -448,7 +449,7 @@ def reconstruct_file(options: argparse.Namespace) -> None:
     with progress_display(points.name) as show:
         result = run_to_end(reconstruct_arrays(source.arrays, settings), show)
     scale = ColourScale(0.0, float(result.point_error.max(initial=0.0)))
-    surface = cloud_data.create_surface(bpy.context, source, result, scale)
+    surface = create_surface(bpy.context, source, result, scale)
     print(cloud_summary(points.name, result.report), flush=True)
     options.resample = None  # the surface has that resolution already
     write_outputs(options, [Made(points, surface, result.report, result.representation)])
@@ -481,11 +482,11 @@ def check_writable_kinds(options: argparse.Namespace) -> None:
 
 def write_outputs(options: argparse.Namespace, made: list[Made]) -> None:
     """Write the files that were asked for, each complete or not at all."""
-    from ..operators import domains_to_uv as domain_maps
     from ..operators.files import formats as files
+    from ..operators.representation.domain_maps import write_domain_maps
 
     for each in made if options.domain_maps else ():
-        domain_maps.write_domain_maps(each.result)
+        write_domain_maps(each.result)
     if options.output is not None:
         files.write_meshes(options.output, [_resampled(each.result, options.resample) for each in made])
     if options.report is not None:
@@ -511,7 +512,7 @@ def _resampled(result: Any, splits: int | None) -> Any:
         return result
     import bpy
 
-    from ..operators.resample import resample_object
+    from ..operators.representation.resampled import resample_object
 
     return resample_object(bpy.context, result, splits)
 

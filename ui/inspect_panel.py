@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout, UIList
 
-from ..operators.data.result_keys import has_representation, read_report
-from ..operators.show_patches import has_patches, shows_patches
+from ..operators.data.result_keys import has_patches, has_representation, read_report, shows_patches
 from .panels import SidebarPanel
 
 
@@ -115,3 +115,5 @@ CLASSES = (
     SPARSE_SURFACE_PT_inspect,
     SPARSE_SURFACE_PT_compare,
 )
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,4 +1,4 @@
-"""How many patches a mesh will have and how long they will take, said before the run."""
+"""Estimated patch count, run time and memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTLED_AFTER = 9
 """Iterations after which half of the patches have settled on CAD parts and scans alike."""
 
 _seconds_per_work = 4.0e-7
-"""Of a common desktop processor; replaced by what the last run took."""
+"""Of a common desktop processor; replaced by the speed of the last run."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Estimate:
 
 
 def estimate(vertices: int, settings: Settings) -> Estimate:
-    """Estimate a run on a mesh of so many vertices."""
+    """Estimate a run on a mesh with this number of vertices."""
     return Estimate(
         patches=0 if settings.denoise == "only" else _patches(vertices, settings.ring),
         seconds=_work(vertices, settings) * _seconds_per_work,
@@ -44,7 +44,7 @@ def estimate(vertices: int, settings: Settings) -> Estimate:
 
 
 def learn(report: Mapping[str, Any]) -> None:
-    """Take the speed of this machine from the report of a run; tiny ones say nothing."""
+    """Take the speed of this machine from the report of a run; tiny runs say nothing about it."""
     global _seconds_per_work
     seconds = report["seconds"]["total"]
     if seconds > 0.5:
@@ -52,9 +52,9 @@ def learn(report: Mapping[str, Any]) -> None:
 
 
 def vertex_count(chosen: Object, context: Context) -> int:
-    """Return the number of vertices that will be read of a mesh object; cheap enough for every redraw.
+    """Return the number of vertices that a run would read of a mesh object; cheap enough for every redraw.
 
-    Modifiers count as they were evaluated last: a panel that is drawn must not evaluate anything.
+    Modifiers count as last evaluated: drawing a panel must not evaluate anything.
     """
     depsgraph = context.view_layer.depsgraph
     if context.scene.sparse_surface.use_modifiers and depsgraph is not None and chosen.mode == "OBJECT":
@@ -70,7 +70,7 @@ def _patches(vertices: int, ring: int) -> int:
 def _work(vertices: int, settings: Settings) -> float:
     """Floating-point work in arbitrary units: observations times functions times steps.
 
-    Taking noise off costs about as much as a default run.
+    Denoising costs about as much as a default run.
     """
     if settings.denoise == "only":
         return _work(vertices, Settings())
