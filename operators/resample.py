@@ -7,10 +7,9 @@ from bpy.props import IntProperty
 from bpy.types import Context, Operator
 
 from ..solver.errors import SparseSurfaceError
+from ..solver.settings import MOST_SPLITS
 from .data.objects import select_only
 from .run.poll import SURFACE, needs
-
-MOST_SPLITS = 64
 
 
 class SPARSE_SURFACE_OT_resample(Operator):

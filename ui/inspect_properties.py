@@ -13,8 +13,7 @@ from bpy.props import (
 )
 from bpy.types import PropertyGroup
 
-from ..operators.resample import MOST_SPLITS
-from ..solver.settings import PRESETS
+from ..solver.settings import MOST_SPLITS, PRESETS
 
 
 class SparseSurfaceTerm(PropertyGroup):

@@ -9,10 +9,10 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Depsgraph, Object
 from numpy.typing import NDArray
 
-from ...solver.cloud_settings import CloudSettings
 from ...solver.errors import InputError
 from ...solver.reconstruction.evaluated import CloudArrays
 from ...solver.reconstruction.reconstruct import checked_points
+from ...solver.settings import CloudSettings
 from .attributes import read
 from .base_mesh import make_base
 from .meshes import WorldLengths, check_is_mesh, read_polygons, read_positions

@@ -12,7 +12,6 @@ from bpy.types import Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from ...solver.surface.files import from_bytes
 from ...solver.surface.representation import Representation
 from ..data.meshes import read_polygons, read_positions
 from ..data.result_keys import REPRESENTATION, SPLITS, STRETCH
@@ -42,7 +41,7 @@ def read_representation(holder: Object) -> Representation:
 @lru_cache(maxsize=2)
 def _parsed(stored: bytes, name: str) -> Representation:
     """Parse the bytes once while the user steps from patch to patch."""
-    return from_bytes(stored, rpt_("The representation of '{}'").format(name))
+    return Representation.from_bytes(stored, rpt_("The representation of '{}'").format(name))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ from ..patches.patches import build_patches
 from ..patches.splitting import with_domains
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
-from ..surface.assembly import channels_of
 from ..surface.creases import crease_edges
 from ..surface.metrics import (
     domain_jacobians,
@@ -119,7 +118,12 @@ def approximate(
     executor: Executor | None = None,
     report: Callable[[Progress], str | None] | None = None,
 ) -> Approximation:
-    """Approximate a mesh by overlapping sparse patches over optimised domains (section 4).
+    """Approximate a mesh by overlapping sparse patches over optimised domains (sections 3 and 4).
+
+    Each patch minimises, over at most s coefficients c_j a coordinate and its planar domain U, with U0 the initial one,
+    sum_i |b_i - sum_j c_j p_j(u_i)|^2 + beta1 |U - U0|^2 + beta2 sum_t A_t ((s1 - 1)^2 + (s2 - 1)^2)  (eqs. 2 to 4),
+    where s1, s2 are the singular values of U0 -> U on triangle t.  The patches are averaged, and sweeps refit each to
+    what the others leave (eq. 6).
 
     Parameters
     ----------
@@ -146,6 +150,13 @@ def approximate(
     ------
     InputError
         When the mesh cannot be worked on, in one sentence.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import Settings, approximate
+    >>> result = approximate(vertices, faces, Settings(ring=4, degree=8))
+    >>> result.vertices.shape == vertices.shape, result.error.shape == (len(vertices),)
+    (True, True)
     """
     steps = approximate_steps(vertices, faces, settings, triangles=triangles, weights=weights, executor=executor)
     return run_to_end(steps, report)
@@ -244,7 +255,7 @@ def solve_patches(
     state = {"hurry": False}
 
     def tasks() -> Iterator[ChunkTask]:
-        for chunk in chunk_patches(surface.observations, np.arange(count), channels_of(settings)):
+        for chunk in chunk_patches(surface.observations, np.arange(count), settings.channels):
             yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
     shown = preview.of(surface, fits) if preview is not None else None
@@ -277,7 +288,7 @@ def steady_patches(
     if not swinging.any():
         return observations
     denser = observations.with_dense(swinging)
-    chunks = chunk_patches(denser, np.flatnonzero(swinging), channels_of(settings))
+    chunks = chunk_patches(denser, np.flatnonzero(swinging), settings.channels)
     for task, fitted in crew.run(chunk_task(denser, domains, settings, chunk) for chunk in chunks):
         for patch, fit in zip(task.patches, fitted, strict=True):
             fits[patch] = fit

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..denoising import Denoised, denoise_steps
+from ..denoising.denoise import Denoised, denoise_steps
 from ..patches.observations import checked_weights
 from ..progress import FINISH, Progress, Steps, within
 from ..settings import Settings
