@@ -311,7 +311,7 @@ def early_error() -> float | None:
     if not early:
         return None
     assert early[0].name == RESULT
-    return float(np.sqrt(np.mean(driver.module("operators.data.meshes").read_error(early[0].data) ** 2)))
+    return float(np.sqrt(np.mean(driver.module("operators.data.attributes").read(early[0].data, "error") ** 2)))
 
 
 def test_the_result_object_appears_early_and_improves():
@@ -459,7 +459,8 @@ def test_only_one_job_at_a_time():
     yield from start_job()
     with driver.in_viewport():
         assert not bpy.ops.sparse_surface.approximate.poll()
-    reason = driver.module("operators.approximate").reason_against(bpy.context)
+    poll = driver.module("operators.run.poll")
+    reason = poll.reason_against(bpy.context, *poll.MESHES_TO_SOLVE)
     assert "running" in reason
     driver.press("ESC")
     yield from assert_nothing_left({"Creased"})
@@ -546,7 +547,7 @@ def test_loading_a_file_ends_it():
         bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
         bpy.ops.wm.open_mainfile(filepath=path)
     yield 0.5
-    assert driver.module("operators.run.control").notice
+    assert driver.module("operators.run.session").session.notice
     yield from driver.open_sidebar()
     driver.shot("job_ended_by_loading")
     yield from assert_nothing_left({"Creased"})
