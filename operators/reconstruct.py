@@ -15,7 +15,7 @@ from .run.poll import needs, no_run, object_mode, packages, points
 
 # NumPy-heavy modules are imported inside functions: enabling the add-on loads this module.
 if TYPE_CHECKING:
-    from ..solver.reconstruction.evaluated import CloudOutcome
+    from ..solver.interchange import CloudOutcome
     from .data.points import CloudSource
 
 

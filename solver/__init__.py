@@ -15,7 +15,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .approximation.approximate import Approximation, approximate, approximate_steps
+    from .approximation.approximate import approximate, approximate_steps
+    from .approximation.result import Approximation
     from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from .surface.resampling import resample, resample_steps
 
 _NAMES = {
-    "approximation.approximate": ("Approximation", "approximate", "approximate_steps"),
+    "approximation.approximate": ("approximate", "approximate_steps"),
+    "approximation.result": ("Approximation",),
     "denoising.denoise": ("denoise", "denoise_steps"),
     "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
     "progress": ("FINISH", "Progress", "run_to_end"),

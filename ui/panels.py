@@ -51,6 +51,11 @@ class SidebarPanel:
         return layout.column()
 
 
+class SubPanel(SidebarPanel):
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
 class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
     bl_label = "Sparse Surface"
 
@@ -78,10 +83,8 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         button.operator("sparse_surface.approximate", text=text, icon="MOD_SMOOTH", translate=False)
 
 
-class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_domain(SubPanel, Panel):
     bl_label = "Domain and Regularisation"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
@@ -99,10 +102,8 @@ class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
             row.prop(settings, name)
 
 
-class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_sweeps(SubPanel, Panel):
     bl_label = "Sweeps and Blending"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         column = self.column(context)
@@ -110,10 +111,8 @@ class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):
             column.prop(context.scene.sparse_surface, name)
 
 
-class SPARSE_SURFACE_PT_noise(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_noise(SubPanel, Panel):
     bl_label = "Noise"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
@@ -126,10 +125,8 @@ class SPARSE_SURFACE_PT_noise(SidebarPanel, Panel):
             how.prop(settings, name)
 
 
-class SPARSE_SURFACE_PT_points(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_points(SubPanel, Panel):
     bl_label = "Points to Surface"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface.reconstruction
@@ -150,10 +147,8 @@ class SPARSE_SURFACE_PT_points(SidebarPanel, Panel):
         button.operator("sparse_surface.reconstruct", icon="POINTCLOUD_DATA")
 
 
-class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_output(SubPanel, Panel):
     bl_label = "Input and Output"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
@@ -175,10 +170,8 @@ class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
             column.prop(settings, name)
 
 
-class SPARSE_SURFACE_PT_display(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_display(SubPanel, Panel):
     bl_label = "Display"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         display = context.scene.sparse_surface.display
@@ -206,10 +199,8 @@ class SPARSE_SURFACE_PT_display(SidebarPanel, Panel):
         column.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
 
 
-class SPARSE_SURFACE_PT_statistics(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_statistics(SubPanel, Panel):
     bl_label = "Statistics"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         report = read_report(context.active_object)

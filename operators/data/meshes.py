@@ -11,7 +11,7 @@ from bpy.types import Depsgraph, Mesh, Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from ...solver.job import MeshArrays
+from ...solver.interchange import MeshArrays
 from .attributes import fetch, put, read
 
 

@@ -10,7 +10,7 @@ from bpy.types import Context, Depsgraph, Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from ...solver.reconstruction.evaluated import CloudArrays
+from ...solver.interchange import CloudArrays
 from ...solver.reconstruction.reconstruct import checked_points
 from ...solver.settings import CloudSettings
 from .attributes import read

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -34,45 +34,13 @@ from .result_keys import (
 from .shape_keys import add_iteration_keys
 
 if TYPE_CHECKING:
-    from ...solver.reconstruction.evaluated import CloudOutcome
+    from ...solver.approximation.result import Approximation
+    from ...solver.interchange import CloudOutcome
     from .points import CloudSource
 
 
-class Stored(Protocol):
-    """A representation as the bytes of a saved file."""
-
-    @property
-    def stored(self) -> bytes: ...
-
-
-class Surface(Protocol):
-    """What the solver brings back of a mesh or a point cloud, from this process or from a child."""
-
-    @property
-    def vertices(self) -> NDArray[np.floating[Any]]: ...
-    @property
-    def error(self) -> NDArray[np.floating[Any]]: ...
-    @property
-    def patch(self) -> NDArray[np.int32]: ...
-    @property
-    def domain_stretch(self) -> NDArray[np.floating[Any]]: ...
-    @property
-    def report(self) -> dict[str, Any]: ...
-    @property
-    def representation(self) -> Stored: ...
-
-
-class Result(Surface, Protocol):
-    """What the solver brings back of a mesh."""
-
-    @property
-    def history(self) -> NDArray[np.floating[Any]] | None: ...
-    @property
-    def creases(self) -> NDArray[np.integer[Any]] | None: ...
-
-
 def create_result(
-    context: Context, source: Source, result: Result, scale: ColourScale, *, replace: bool = False
+    context: Context, source: Source, result: Approximation, scale: ColourScale, *, replace: bool = False
 ) -> Object:
     """Make the result object: a copy of the source's mesh with moved vertices, attributes and report.
 
@@ -146,11 +114,6 @@ def create_base(context: Context, source: CloudSource, *, replace: bool = False)
 def write_error(coloured: Object, error: NDArray[np.floating[Any]], scale: ColourScale) -> None:
     """Write the errors (V,) of an object's vertices, their colours, and the scale for the legend."""
     attributes.write(coloured.data, {ERROR: error, ERROR_COLOUR: scale.colours(error)})
-    store_scale(coloured, scale)
-
-
-def store_scale(coloured: Object, scale: ColourScale) -> None:
-    """Note on an object how its errors are coloured, for the legend."""
     coloured[SCALE] = [scale.low, scale.high, scale.tolerance]
 
 
@@ -188,13 +151,12 @@ def _copy_mesh(made_from: Object, evaluated: bool, context: Context) -> Mesh:
     return mesh
 
 
-def _put(made: Object, source: Source | CloudSource, surface: Surface, scale: ColourScale) -> None:
+def _put(made: Object, source: Source | CloudSource, surface: Approximation | CloudOutcome, scale: ColourScale) -> None:
     """Write attributes, report, representation and colour scale of a surface."""
-    layers = {PATCH: surface.patch, DOMAIN_STRETCH: surface.domain_stretch}
-    attributes.write(made.data, {ERROR: surface.error, ERROR_COLOUR: scale.colours(surface.error), **layers})
+    write_error(made, surface.error, scale)
+    attributes.write(made.data, {PATCH: surface.patch, DOMAIN_STRETCH: surface.domain_stretch})
     made[REPORT] = json.loads(json.dumps(surface.report))  # plain values only, as Blender stores them
     _store_representation(made, surface.representation.stored, source.lengths.stretch)
-    store_scale(made, scale)
 
 
 def _store_representation(made: Object, stored: bytes, stretch: NDArray[np.float64] | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bpy.types import Context, Object
@@ -11,14 +11,17 @@ from mathutils import Matrix, Vector
 
 from ..data.colours import ColourScale
 from ..data.result_keys import cut_name
-from ..data.results import Result, create_result
+from ..data.results import create_result
 from .scale import colour_scale
+
+if TYPE_CHECKING:
+    from ...solver.approximation.result import Approximation
 
 SPACE = 0.15
 """Space between the objects, relative to the source's width."""
 
 Solved = tuple[Any, Any]
-"""A `Source` with its `Result`."""
+"""A `Source` with its `Approximation`."""
 
 
 def compare_pair(context: Context, done: Sequence[Solved], first: str, second: str, *, beside: bool) -> list[Object]:
@@ -73,7 +76,7 @@ def _width(context: Context, shown: Object) -> float:
     return max(along) - min(along)
 
 
-def _title(choice: str, result: Result) -> str:
+def _title(choice: str, result: Approximation) -> str:
     method: str = result.report["settings"]["method"]
     return (method if choice == "SCENE" else choice.removeprefix("PRESET_")).title()
 

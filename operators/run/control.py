@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import bpy
@@ -17,9 +16,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ...solver.job import Job, Outcome
+    from ...solver.approximation.result import Approximation
+    from ...solver.interchange import CloudOutcome
+    from ...solver.job import Job
     from ...solver.progress import Progress
-    from ...solver.reconstruction.evaluated import CloudOutcome
     from ..data.meshes import Source
     from ..data.points import CloudSource
 
@@ -67,7 +67,7 @@ class Run:
 
     tasks: list[tuple[Source | CloudSource, Settings]]
     preview: Preview | None = None
-    results: list[tuple[Source | CloudSource, Outcome | CloudOutcome]] = field(default_factory=list)
+    results: list[tuple[Source | CloudSource, Approximation | CloudOutcome]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     progress: Progress | None = None
     finishing: bool = False
@@ -129,16 +129,10 @@ class Run:
     def _start_next(self) -> None:
         from ...solver.job import Job
 
-        folder = Path(bpy.app.tempdir) / f"sparse_surface_job_{self._begun}_{time.monotonic_ns()}"
-        job = Job(folder, python=(sys.executable, *bpy.app.python_args))
         source, settings = self.tasks[self._begun]
         self._begun += 1
-        try:
-            job.start(source.arrays, settings, previews=self.preview is not None)
-        except OSError as error:
-            self.refusals.append(f"'{source.name}': the solver's process could not be started ({error}).")
-        else:
-            self._job = job
+        self._job = Job((sys.executable, *bpy.app.python_args))
+        self._job.start(source.arrays, settings, previews=self.preview is not None)
 
     def _take_result(self, job: Job) -> None:
         source = self.tasks[self._begun - 1][0]

@@ -30,7 +30,7 @@ Task = tuple[Any, Settings]
 """What is read from an object, a `Source` or a `CloudSource`, and the settings."""
 
 Solved = tuple[Any, Any]
-"""A `Source` with its `Result`, or a `CloudSource` with its `CloudOutcome`."""
+"""A `Source` with its `Approximation`, or a `CloudSource` with its `CloudOutcome`."""
 
 
 class SolverOperator:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from ..version import VERSION
 from .denoised import denoise_first
 from .oscillation import overshooting
 from .preview import Preview
+from .result import Approximation
 from .runner import Crew, crew_for
 from .sweeps import Blend, sweep
 from .tolerance import RefinedSurface, keep_tolerance
@@ -50,41 +51,6 @@ SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
 """The stages whose seconds stand in the report."""
-
-
-@dataclass(frozen=True)
-class Approximation:
-    """A mesh approximated by a sparse surface.
-
-    Attributes
-    ----------
-    vertices
-        The surface at the input's vertices, (V, 3), of the input's floating-point type.
-    error
-        Distance of each vertex from the input, (V,), scene units.
-    patch
-        Patch with the largest blending weight at each vertex, (V,); -1 where the input passes through.
-    domain_stretch
-        Anisotropy of the domain transformation on each input face, (F,).
-    report
-        Measures, counts and times; plain values only.
-    representation
-        What evaluates the surface anywhere.
-    history
-        The surface at the input's vertices after each iteration of the patches by themselves, (n, V, 3); None unless
-        `Settings.keep_iterations`.
-    creases
-        Edges that the optimisation treats as creases, pairs of vertices (E, 2); None unless `Settings.mark_creases`.
-    """
-
-    vertices: NDArray[np.floating[Any]]
-    error: Array
-    patch: NDArray[np.int32]
-    domain_stretch: Array
-    report: dict[str, Any]
-    representation: Representation
-    history: Array | None = None
-    creases: Indices | None = None
 
 
 class Stopwatch:

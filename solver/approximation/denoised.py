@@ -22,7 +22,7 @@ from ..settings import Settings
 from ..surface.metrics import normal_error, statistics, surface_error
 
 if TYPE_CHECKING:
-    from .approximate import Approximation
+    from .result import Approximation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
