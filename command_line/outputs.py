@@ -94,7 +94,7 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     import bpy
 
     from ..operators.files.meshes import write_meshes
-    from ..operators.resample import resample_object
+    from ..operators.representation.resampled import resample_object
 
     fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
     write_meshes(path, fine or [each.result for each in made])
@@ -123,12 +123,11 @@ def _shown_beside(made: Made) -> Iterator[Any]:
         return
     import bpy
 
-    from ..operators.data import points as cloud_data
+    from ..operators.data.points import local_points
     from ..operators.heat_map.point_shapes import create_point_shapes
 
-    points, lengths = cloud_data.read_points(made.source, bpy.context.evaluated_depsgraph_get())
-    spacing = made.report["input"]["spacing"]
-    shapes = create_point_shapes(made.source.name, lengths.to_local(points), spacing)
+    points = local_points(made.source, bpy.context.evaluated_depsgraph_get())
+    shapes = create_point_shapes(made.source.name, points, made.report["input"]["spacing"])
     shapes.matrix_world = made.source.matrix_world
     bpy.context.scene.collection.objects.link(shapes)
     bpy.context.view_layer.update()

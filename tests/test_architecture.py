@@ -38,13 +38,12 @@ FLOORS = (
     "solver",
     "operators.data",
     "operators.files operators.heat_map",
-    "operators.preview",
+    "operators.preview operators.representation",
     "operators.run",
     "operators.*",
     "operators",
     "command_line",
     "ui",
-    "registration",
     "__init__ __main__",
 )
 """Folders and modules from the ground up; each may import from those below it and from itself."""
