@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..solver import Reconstruction, reconstruct
 from ..solver.mesh.projection import closest_points
 from ..solver.reconstruction.oscillation import triangle_grid
-from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings
 from .generated_clouds import Cloud, airplane, ball, box, head, l_solid
 from .tables import table

@@ -13,16 +13,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .approximation.approximate import Approximation, approximate, approximate_steps
+    from .approximation.approximate import approximate, approximate_steps
+    from .approximation.report import Report
+    from .approximation.result import Approximation
     from .cloud_settings import CloudSettings
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
-    from .reconstruction.reconstruct import Reconstruction, reconstruct, reconstruct_steps
+    from .reconstruction.reconstruct import reconstruct, reconstruct_steps
+    from .reconstruction.result import Reconstruction
     from .settings import PRESETS, Settings
     from .surface.representation import Representation
 
 _HOME = {
-    "Approximation": "approximation.approximate",
+    "Approximation": "approximation.result",
     "Cancelled": "errors",
     "CloudSettings": "cloud_settings",
     "FINISH": "progress",
@@ -30,7 +33,8 @@ _HOME = {
     "InputError": "errors",
     "PRESETS": "settings",
     "Progress": "progress",
-    "Reconstruction": "reconstruction.reconstruct",
+    "Reconstruction": "reconstruction.result",
+    "Report": "approximation.report",
     "Representation": "surface.representation",
     "Settings": "settings",
     "SettingsError": "errors",
@@ -53,6 +57,7 @@ __all__ = [
     "InputError",
     "Progress",
     "Reconstruction",
+    "Report",
     "Representation",
     "Settings",
     "SettingsError",

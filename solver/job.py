@@ -34,7 +34,7 @@ from .reconstruction.evaluated import CloudArrays, CloudOutcome, reconstruct_arr
 from .settings import Settings
 
 if TYPE_CHECKING:
-    from .approximation.approximate import Approximation
+    from .approximation.result import Approximation
 
 SECONDS_BETWEEN_MESSAGES = 0.05
 SECONDS_BETWEEN_PREVIEWS = 0.5

@@ -23,8 +23,8 @@ VERTICES_WORTH_A_WORKER = 2000
 
 
 @dataclass(frozen=True)
-class Crew:
-    """Who fits chunks of patches.
+class ChunkRunner:
+    """What fits chunks of patches.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ class Crew:
 
 
 @contextmanager
-def crew_for(workers: int, vertices: int, executor: Executor | None = None) -> Iterator[Crew]:
-    """Provide the crew for a mesh; processes started for it end with the block, at once if it is left early.
+def chunk_runner(workers: int, vertices: int, executor: Executor | None = None) -> Iterator[ChunkRunner]:
+    """Provide the runner for a mesh; processes started for it end with the block, at once if it is left early.
 
     Parameters
     ----------
@@ -80,15 +80,15 @@ def crew_for(workers: int, vertices: int, executor: Executor | None = None) -> I
         The caller's own, which is used as it is and lives on; `workers` then says how many chunks it runs at once.
     """
     if executor is not None:
-        yield Crew(executor, workers or UNKNOWN_WORKERS)
+        yield ChunkRunner(executor, workers or UNKNOWN_WORKERS)
         return
     count = workers or max(1, min(physical_cores(), vertices // VERTICES_WORTH_A_WORKER))
     if count == 1:
-        yield Crew()
+        yield ChunkRunner()
         return
     own = WorkerExecutor(count, preload="fitting.chunks")
     try:
-        yield Crew(own, count)
+        yield ChunkRunner(own, count)
     finally:
         # Nothing waits any more when the work is done, so this kills nothing but what was abandoned.
         own.shutdown(cancel_futures=True)

@@ -89,8 +89,7 @@ def automatic_splits(points: int, triangles: int) -> int:
 
 def reconstruct_arrays(arrays: CloudArrays, settings: Any) -> Steps[CloudOutcome]:
     """Reconstruct, and evaluate the surface as a mesh."""
-    from ..approximation.approximate import strongest_patch
-    from ..surface.metrics import domain_jacobians, domain_stretch  # SciPy: not needed where only a child computes
+    from ..surface.metrics import domain_jacobians, domain_stretch, strongest_patch  # SciPy: only where it computes
     from ..surface.resampling import resample_steps
     from .reconstruct import reconstruct_steps
 

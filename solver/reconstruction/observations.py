@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..mesh.sampling import SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.observations import PatchObservations
 from ..patches.patches import Patches
+from ..settings import Settings
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -113,6 +115,7 @@ class CloudObservations:
         degrees
             The patches' degrees where they are fixed already, (K,); otherwise as high as their points afford.
         """
+        self._mesh, self._kind = mesh, kind
         self.patches, self.vertices, self.points = patches, mesh.vertices, cloud.points
         self.cloud, self._blending = cloud, blending
         self._order = np.argsort(cloud.feet.triangle, kind="stable")
@@ -126,6 +129,14 @@ class CloudObservations:
         self._corners = _corners_as_in_mesh(mesh, patches)
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
+
+    def with_degrees(self, degrees: Indices) -> CloudObservations:
+        """Return the same observations with other degrees, (K,)."""
+        return CloudObservations(self._mesh, self.patches, self._blending, self._kind, self.cloud, degrees)
+
+    def of_cloud(self, cloud: ObservedCloud) -> CloudObservations:
+        """Return observations of other points, or of the same at other places, with the same degrees."""
+        return CloudObservations(self._mesh, self.patches, self._blending, self._kind, cloud, self.degrees)
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch, triangle by triangle."""
@@ -153,6 +164,13 @@ class CloudObservations:
         blending = (own[corners] * shares).sum(axis=1)
         none = np.full(len(corners), -1, dtype=np.int64)
         return PatchObservations(none, corners, shares, blending, blending, int(self.degrees[patch]))
+
+
+def observer(
+    mesh: TriangleMesh, settings: Settings, cloud: ObservedCloud
+) -> Callable[[Patches, Array], CloudObservations]:
+    """Return what makes observations of a cloud for patches with given blending weights, (M,)."""
+    return lambda patches, blending: CloudObservations(mesh, patches, blending, settings.blending, cloud)
 
 
 def affordable_degrees(points: Array) -> Indices:

@@ -207,3 +207,13 @@ def domain_stretch(representation: Representation, jacobians: Array, faces: int)
     triangles = np.maximum(np.bincount(representation.polygon, minlength=faces), 1)
     by_face = np.bincount(representation.polygon, weights=by_triangle, minlength=faces) / triangles
     return np.maximum(by_face, 1.0)
+
+
+def strongest_patch(representation: Representation) -> NDArray[np.int32]:
+    """Patch with the largest blending weight at every vertex, (V,), the first of equals; -1 where none has weight."""
+    strongest = np.full(len(representation.vertices), -1, dtype=np.int32)
+    patch = np.repeat(np.arange(representation.patches), np.diff(representation.vertex_offsets))
+    order = np.lexsort((-patch, representation.weights))
+    order = order[representation.weights[order] > 0.0]
+    strongest[representation.patch_vertices[order]] = patch[order]
+    return strongest
