@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from ..solver.mesh.projection import closest_points, interpolate
+from ..solver.mesh.closest_points import closest_points, interpolate
 from ..solver.mesh.triangulation import triangulate
 from .generated_models import _box_surface, _geodesic_sphere
 

@@ -15,7 +15,7 @@ from .run.operator import Solved, Solving, Task, refusal, scene_settings
 from .run.requirements import missing_packages
 
 if TYPE_CHECKING:
-    from ..solver.cloud_settings import CloudSettings
+    from ..solver.settings import CloudSettings
     from .data.points import CloudSource
 
 

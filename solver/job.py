@@ -26,12 +26,11 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloud_settings import CloudSettings
 from .errors import SparseSurfaceError, WorkerError
 from .processes.child import close_streams, last_words, private_channels, start_child, stop_giving_way
 from .progress import FINISH, Progress, Steps, run_to_end
 from .reconstruction.evaluated import CloudArrays, CloudOutcome, reconstruct_arrays
-from .settings import Settings
+from .settings import CloudSettings, Settings
 
 if TYPE_CHECKING:
     from .approximation.result import Approximation

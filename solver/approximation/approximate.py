@@ -41,7 +41,12 @@ def approximate(
     executor: Executor | None = None,
     report: Callable[[Progress], str | None] | None = None,
 ) -> Approximation:
-    """Approximate a mesh by overlapping sparse patches over optimised domains (section 4).
+    """Approximate a mesh by overlapping sparse patches over optimised domains (sections 3 and 4).
+
+    Each patch minimises, over at most s coefficients c_j a coordinate and its planar domain U, with U0 the initial one,
+    sum_i |b_i - sum_j c_j p_j(u_i)|^2 + beta1 |U - U0|^2 + beta2 sum_t A_t ((s1 - 1)^2 + (s2 - 1)^2)  (eqs. 2 to 4),
+    where s1, s2 are the singular values of U0 -> U on triangle t.  The patches are averaged, and sweeps refit each to
+    what the others leave (eq. 6).
 
     Parameters
     ----------
@@ -68,6 +73,13 @@ def approximate(
     ------
     InputError
         When the mesh cannot be worked on, in one sentence.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import Settings, approximate
+    >>> result = approximate(vertices, faces, Settings(ring=4, degree=8))
+    >>> result.vertices.shape == vertices.shape, result.error.shape == (len(vertices),)
+    (True, True)
     """
     steps = approximate_steps(vertices, faces, settings, triangles=triangles, weights=weights, executor=executor)
     return run_to_end(steps, report)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..denoising import Denoised, denoise_steps
+from ..denoising.denoise import Denoised, denoise_steps
 from ..patches.observations import checked_weights
 from ..progress import FINISH, Steps
 from ..settings import Settings

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
 from ..mesh.triangle_mesh import TriangleMesh
+from ..patch_methods import METHODS
 from ..patches.blending import blending_weights
 from ..patches.cover import build_cover
 from ..patches.observations import Observations, PatchObservations
@@ -19,7 +20,7 @@ from ..patches.patches import Patches, build_patches, overlay_patches
 from ..patches.splitting import with_domains
 from ..progress import FINISH, Progress, Steps
 from ..settings import Settings
-from ..surface.assembly import assemble, channels_of
+from ..surface.assembly import assemble
 from ..surface.representation import Representation
 from .preview import Preview
 from .runner import ChunkRunner
@@ -239,7 +240,7 @@ class PatchedSurface(Generic[Observed]):
         blended[own.number] += own.blending[:, None] * (after.values - values)
 
     def _chunks(self, which: Indices, pieces: int = 1) -> list[Indices]:
-        return chunk_patches(self.observations, which, channels_of(self.settings), pieces)
+        return chunk_patches(self.observations, which, self.settings.channels, pieces)
 
     def _fitted(self, tasks: Iterable[ChunkTask], swept: bool = False) -> Iterator[int]:
         """Fit chunks and take their fits; yields how many each step has fitted."""
@@ -260,7 +261,7 @@ class PatchedSurface(Generic[Observed]):
             alone = problems_of(self.observations, own, self.domains, self.settings, k)
             left = self.observations.points[own.number] - self.blended[own.number]
             left += own.blending[:, None] * fit.values
-            problems += against_remainder(alone, own, left, fit, keep_balance=self.settings.method == "default")
+            problems += against_remainder(alone, own, left, fit, METHODS[self.settings.method].keeps_balance)
         return ChunkTask(chunk, problems, self.settings)
 
     def _change(self, patches: Patches, domains: Array, fits: list[PatchFit], blending: Array | None = None) -> None:

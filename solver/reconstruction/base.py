@@ -17,7 +17,8 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
-from ..mesh.projection import closest_points, project
+from ..mesh.closest_points import closest_points
+from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 
 Array = NDArray[np.float64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.projection import Footpoints, walk
+from ..mesh.closest_points import Footpoints
+from ..mesh.projection import walk
 from ..mesh.triangle_mesh import TriangleMesh
 from ..surface.representation import Representation
 

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud_settings import CloudSettings
 from ..progress import Steps, within
+from ..settings import MOST_AUTOMATIC_SPLITS, CloudSettings
 
 if TYPE_CHECKING:
     from ..job import StoredRepresentation
     from ..surface.representation import Representation
-
-MOST_SPLITS = 32
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ def automatic_splits(points: int, triangles: int) -> int:
 
     A mesh has half as many vertices as triangles, and the square of the parts as many triangles.
     """
-    return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_SPLITS))
+    return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_AUTOMATIC_SPLITS))
 
 
 def reconstruct_arrays(arrays: CloudArrays, settings: Any) -> Steps[CloudOutcome]:

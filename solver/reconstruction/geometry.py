@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..mesh.grid_cells import one_in_each_cell
+from ..mesh.clustering import one_in_each_cell
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import offsets_of, row_positions
-from ..mesh.projection import Footpoints
+from ..mesh.closest_points import Footpoints
 from ..mesh.sampling import SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.observations import PatchObservations

@@ -20,12 +20,12 @@ from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
 from ..approximation.patched_surface import OscillationTest, PatchedSurface
 from ..approximation.report import Deviation, Report, Stopwatch, measure, measured_iterations, mesh_counts
 from ..approximation.runner import ChunkRunner, chunk_runner
-from ..cloud_settings import CloudSettings
 from ..errors import InputError
-from ..mesh.projection import Footpoints, project
+from ..mesh.closest_points import Footpoints
+from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Progress, Steps, run_to_end, within
-from ..settings import Settings
+from ..settings import CloudSettings, Settings
 from ..surface.metrics import domain_jacobians, flipped_triangles
 from ..surface.representation import Representation
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
@@ -74,6 +74,8 @@ def reconstruct(
 ) -> Reconstruction:
     """Fit a sparse surface over a base mesh to a point cloud.
 
+    Minimises what `approximate` does, with the points as observations at their projections onto the base.
+
     Parameters
     ----------
     points
@@ -93,6 +95,13 @@ def reconstruct(
     ------
     InputError
         When points or base cannot be worked on, in one sentence.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import reconstruct
+    >>> result = reconstruct(points, base_vertices, base_faces)
+    >>> result.error.shape == (len(points),)
+    True
     """
     return run_to_end(reconstruct_steps(points, base_vertices, base_faces, settings, cloud, executor=executor), report)
 

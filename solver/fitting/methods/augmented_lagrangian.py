@@ -28,8 +28,8 @@ from ..batch import Batch
 from ..dictionary import Dictionary, coefficient_grid
 from ..domain_energy import DomainEnergy
 from ..solution import Solution, Trace
+from ..sparse_fit import Fit, as_wide_as, least_squares, merge, select
 from .lbfgs import minimise
-from .variable_projection import Fit, as_wide_as, least_squares, merge, select
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -176,12 +176,9 @@ class Iteration:
         self.fit = fit
 
     def _note(self, trace: Trace) -> None:
-        fit, at_vertices = self.fit, self.domain[:, :, None]
+        fit = self.fit
         trace.note(
-            self.batch,
-            self.energy,
-            self.residual(fit),
-            lambda: self.dictionary.sparse_values(fit.support, fit.coefficients, at_vertices),
+            self.batch, self.energy, self.residual(fit), self.dictionary, fit.support, fit.coefficients, self.domain
         )
 
     def _refer_rigidity(self) -> None:

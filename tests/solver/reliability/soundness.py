@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sparse_surface.solver import Approximation, InputError, Settings, approximate
-from sparse_surface.solver.surface.files import from_bytes
+from sparse_surface.solver import Approximation, InputError, Representation, Settings, approximate
 
 Faces = ArrayLike | list[list[int]]
 
@@ -108,7 +107,7 @@ def check_result(vertices: NDArray[Any], faces: Faces, settings: Settings, resul
 def check_representation(result: Approximation) -> None:
     """It can be stored, read and evaluated, and passes through the result's vertices."""
     stored = result.representation
-    read = from_bytes(stored.stored)
+    read = Representation.from_bytes(stored.stored)
     assert read.patches == stored.patches == result.report["patches"]
     size = np.ptp(stored.vertices, axis=0).max()
     used = np.unique(stored.triangles)

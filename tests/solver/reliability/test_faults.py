@@ -242,7 +242,6 @@ def test_a_process_killed_while_it_writes_leaves_the_old_file_whole(tmp_path: Pa
         import os, signal, sys
         sys.path[:] = eval(sys.argv[2])
         from pathlib import Path
-        from sparse_surface.solver.surface import files as storage
         from sparse_surface.solver.surface.representation import Representation
         surface = Representation.load(sys.argv[1])
         whole = surface.stored
