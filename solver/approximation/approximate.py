@@ -7,8 +7,9 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Indices
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
 from ..patches.patches import Patches
@@ -23,9 +24,6 @@ from .report import Stopwatch, measured_iterations
 from .result import Approximation, measured_result
 from .runner import ChunkRunner, chunk_runner
 from .tolerance import keep_tolerance
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 """Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""

@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Indices
 from ..denoising.denoise import Denoised, denoise_steps
 from ..patches.observations import checked_weights
 from ..progress import FINISH, Steps
 from ..settings import Settings
 from ..surface.metrics import statistics
 from .report import Deviation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Booleans
 from ..mesh.sampling import SURFACE_SAMPLES
 from ..patches.observations import MeshObservations
 from .patched_surface import PatchedSurface
 
-Booleans = NDArray[np.bool_]
 MeshSurface = PatchedSurface[MeshObservations]
 
 NEAR_EDGES = SURFACE_SAMPLES[3:]

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Booleans, Indices
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patch_methods import METHODS
@@ -25,10 +25,6 @@ from ..surface.representation import Representation
 from .preview import Preview
 from .runner import ChunkRunner
 from .sweeps import CHUNKS_A_COLOUR, against_remainder, colour_patches
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 Observed = TypeVar("Observed", bound=Observations)
 

@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import runs_of_rows
+from ..arrays import Array, runs_of_rows
+from ..mesh.quadrics import quadric_terms
 from ..patches.patches import Patches
-
-Array = NDArray[np.float64]
 
 RIDGE = 1e-9
 """Added to the diagonal of the normal equations, relative to its mean: a patch may have fewer than six vertices."""
@@ -87,7 +86,7 @@ def quadrics(domains: Array, points: Array, offsets: NDArray[np.int64]) -> Array
     starts, sizes = offsets[:-1], np.diff(offsets)
     patch = np.repeat(np.arange(len(sizes)), sizes)
     u, v = _normalised(domains, starts, sizes).T
-    basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    basis = quadric_terms(u, v, 1)
     functions = basis.shape[1]
     gram = np.empty((len(sizes), functions, functions))
     right = np.empty((len(sizes), functions, 3))

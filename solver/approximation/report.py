@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
@@ -19,8 +20,6 @@ from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
 from ..version import VERSION
 from .runner import ChunkRunner
-
-Array = NDArray[np.float64]
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
 """The stages whose seconds every report has."""

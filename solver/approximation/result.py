@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..fitting.chunks import PatchFit
 from ..surface.creases import crease_edges
 from ..surface.metrics import domain_jacobians, domain_stretch, flipped_triangles, strongest_patch
@@ -17,9 +18,6 @@ from .denoised import MeshInput
 from .oscillation import MeshSurface
 from .report import Deviation, Report, Stopwatch, measure, mesh_counts
 from .tolerance import ToleranceKept
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

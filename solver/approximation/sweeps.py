@@ -12,15 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..fitting.batch import Problem, WarmStart
 from ..fitting.chunks import PatchFit
 from ..patches.observations import PatchObservations
 from ..patches.patches import Patches
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CHUNKS_A_COLOUR = 4
 """A colour is cut into at least this many chunks, for as many workers; the next colour waits for all of them."""

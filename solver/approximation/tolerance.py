@@ -12,14 +12,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Booleans
 from ..mesh.sampling import LATTICE, SURFACE_SAMPLES
 from ..progress import FINISH, Progress, Steps, within
 from ..surface.metrics import surface_error
 from .oscillation import MeshSurface
-
-Booleans = NDArray[np.bool_]
 
 LADDER = ((4, 1), (3, 1), (2, 2), (2, 4), (1, 4))
 """Ring, and sparsity as a multiple of the setting, of one round after the other."""

@@ -12,17 +12,17 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Indices
 from ..errors import InputError
 from ..mesh.closest_points import closest_points
+from ..mesh.edges import edge_keys
+from ..mesh.normals import face_normals
 from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STIFFNESS = 0.2
 """Weight of neighbours' equal displacement, as a share of the points that a vertex has on average."""
@@ -52,8 +52,8 @@ def checked_base(vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]
         When it is no mesh, or is not manifold.
     """
     mesh = build_mesh(vertices, faces)
-    sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    _, count = np.unique(sides, axis=0, return_counts=True)
+    keys = edge_keys(mesh.triangles, np.roll(mesh.triangles, -1, axis=1), len(mesh.vertices))
+    _, count = np.unique(keys, return_counts=True)
     if count.max() > 2:
         raise InputError(f"The base is not manifold: {int((count > 2).sum())} edges belong to more than two triangles.")
     if mesh.node_count > len(mesh.vertices):
@@ -121,7 +121,7 @@ def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> Triang
         matrix = weighted @ place + stiffness
         matrix += sp.identity(count) * (1e-9 * matrix.diagonal().mean() + 1e-300)
         move = splu(matrix.tocsc()).solve(weighted @ (points - place @ mesh.vertices))
-        fitted = _without_folds(mesh, mesh.vertices + move)
+        fitted = without_folds(mesh, mesh.vertices + move)
     return fitted
 
 
@@ -153,9 +153,9 @@ def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
         if (np.linalg.norm(vertices[rivals] - target, axis=1) < APART * edge[vertex]).any():
             continue
         triangles = mesh.triangles[mesh.fan_triangles[mesh.fan_offsets[vertex] : mesh.fan_offsets[vertex + 1]]]
-        before = _normals(vertices, triangles)
+        before = face_normals(vertices, triangles)
         old, vertices[vertex] = vertices[vertex].copy(), target
-        if ((before * _normals(vertices, triangles)).sum(axis=1) < LEAST_TURN).any():
+        if ((before * face_normals(vertices, triangles)).sum(axis=1) < LEAST_TURN).any():
             vertices[vertex] = old
         else:
             moved[vertex] = True
@@ -167,18 +167,11 @@ def _some(points: Array, count: int) -> Indices:
     return np.unique(np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64))
 
 
-def _without_folds(mesh: TriangleMesh, vertices: Array) -> TriangleMesh:
+def without_folds(mesh: TriangleMesh, vertices: Array) -> TriangleMesh:
     """Move the vertices as far towards new places as no triangle turns over."""
-    before = _normals(mesh.vertices, mesh.triangles)
+    before = face_normals(mesh.vertices, mesh.triangles)
     for share in (1.0, 0.5, 0.25, 0.125):
         moved = mesh.vertices + share * (vertices - mesh.vertices)
-        if ((before * _normals(moved, mesh.triangles)).sum(axis=1) > 0.0).all():
+        if ((before * face_normals(moved, mesh.triangles)).sum(axis=1) > 0.0).all():
             return replace(mesh, vertices=moved)
     return mesh
-
-
-def _normals(vertices: Array, triangles: Indices) -> Array:
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)

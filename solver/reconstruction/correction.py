@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..mesh.closest_points import Footpoints
 from ..mesh.projection import walk
 from ..mesh.triangle_mesh import TriangleMesh
 from ..surface.representation import Representation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SHORTEST_STEP = 1e-3
 """Steps that change barycentric coordinates by less are not worth another evaluation."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..approximation.patched_surface import PatchedSurface, cover
 from ..approximation.runner import ChunkRunner
@@ -15,8 +14,6 @@ from ..patches.parameterisation import initial_domains
 from ..settings import Settings
 from .geometry import CloudGeometry
 from .observations import ObservedCloud, observer
-
-Array = NDArray[np.float64]
 
 RINGS = (1, 2, 3)
 CLEAN = 0.02

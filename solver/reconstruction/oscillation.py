@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..approximation.patched_surface import PatchedSurface
+from ..arrays import Array, Indices
 from ..patches.blending import PLATEAU
 from .observations import CloudObservations
 from .tangent_planes import TangentPlanes
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 CloudSurface = PatchedSurface[CloudObservations]
 
 SPLITS = 5

@@ -14,12 +14,13 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
 from ..approximation.patched_surface import OscillationTest, PatchedSurface
 from ..approximation.report import Deviation, Report, Stopwatch, measure, measured_iterations, mesh_counts
 from ..approximation.runner import ChunkRunner, chunk_runner
+from ..arrays import Array
 from ..errors import InputError
 from ..mesh.closest_points import Footpoints
 from ..mesh.projection import project
@@ -37,8 +38,6 @@ from .oscillation import CloudSurface, oscillating_in_cloud
 from .result import Reconstruction
 from .robust_weights import robust_weights, spread
 from .tangent_planes import TangentPlanes
-
-Array = NDArray[np.float64]
 
 FEWEST_POINTS = 4
 CORRECTION_STEPS = 2

@@ -6,9 +6,8 @@ Least squares with these weights, taken anew from each fit, minimise a loss that
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 TUNING = {"huber": 1.345, "tukey": 4.685}
 """Distances, in standard deviations of good points, at which weights begin to fall (Huber) or are zero (Tukey): at

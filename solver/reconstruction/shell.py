@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Booleans, Indices
+from ..mesh.edges import connected_parts, edge_keys
+from ..mesh.normals import face_normals, unit
 from ..mesh.triangle_mesh import build_mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 NEIGHBOURS, TREE_NEIGHBOURS = 24, 12
 WIDEST_GAP = np.radians(150.0)
@@ -44,10 +42,7 @@ SMOOTHING_ROUNDS = 40
 
 def parts(triangles: Indices, count: int) -> Indices:
     """Number of the connected part that each of `count` vertices belongs to, (V,)."""
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    graph = sp.coo_matrix((np.ones(len(sides)), (sides[:, 0], sides[:, 1])), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
-    return np.asarray(part, dtype=np.int64)
+    return connected_parts(triangles[:, :2].ravel(), triangles[:, 1:].ravel(), count)[1]
 
 
 def signed_volumes(vertices: Array, triangles: Indices, part: Indices) -> Array:
@@ -125,15 +120,12 @@ def one_side(vertices: Array, triangles: Indices, points: Array) -> tuple[Array,
     """
     tree = cKDTree(points)
     normals = oriented_normals(points, _smooth_normals(points, tree))
-    ends = vertices[triangles]
-    across = np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0])
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    facing = (across * normals[tree.query(ends.mean(axis=1))[1]]).sum(axis=1)
+    centres = vertices[triangles].mean(axis=1)
+    facing = (face_normals(vertices, triangles) * normals[tree.query(centres)[1]]).sum(axis=1)
     vertices, triangles = _large_parts(vertices, triangles[facing > FACING])
     near = tree.query(vertices, k=min(4, len(points)))[1].reshape(len(vertices), -1)
     away = ((vertices[:, None] - points[near]) * normals[near]).sum(axis=2).mean(axis=1)
-    direction = normals[near].mean(axis=1)
-    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
+    direction = unit(normals[near].mean(axis=1))
     vertices = vertices - away[:, None] * direction
     vertices, triangles = _large_parts(vertices, triangles[~_beyond(vertices[triangles].mean(axis=1), points, tree)])
     return smoothed(vertices, triangles), triangles
@@ -166,8 +158,9 @@ def smoothed(vertices: Array, triangles: Indices) -> Array:
 
     Vertices of the border are averaged with their neighbours along it, all others with all of theirs.
     """
-    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edges, uses = np.unique(sides, axis=0, return_counts=True)
+    count = len(vertices)
+    keys, uses = np.unique(edge_keys(triangles, np.roll(triangles, -1, axis=1), count), return_counts=True)
+    edges = np.stack(np.divmod(keys, count), axis=1)
     along = edges[uses == 1]
     on_border = np.zeros(len(vertices), dtype=bool)
     on_border[along] = True

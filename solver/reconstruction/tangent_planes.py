@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from .geometry import CloudGeometry
-
-Array = NDArray[np.float64]
 
 PLANES = 6
 """Points around a position whose planes are compared with it."""
