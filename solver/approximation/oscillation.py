@@ -20,7 +20,7 @@ from .patched_surface import PatchedSurface
 MeshSurface = PatchedSurface[MeshObservations]
 
 NEAR_EDGES = SURFACE_SAMPLES[3:]
-"""The points that are farthest from both vertices and centroid."""
+"""The samples that are farthest from both vertices and centroid."""
 
 OVERSHOOT = 2.0
 """A patch oscillates where its largest error in between exceeds the largest at its observations by this factor."""

@@ -1,4 +1,4 @@
-"""The surface while it is worked on: patches over a mesh, what they are fitted to, and how far they have come."""
+"""The surface under construction: patches over a mesh, what they are fitted to, and their fits so far."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ class PatchedSurface(Generic[Observed]):
         return values_at(fit, observations, self.settings)
 
     def representation(self) -> Representation:
-        """What evaluates the surface as it stands; every patch must be fitted."""
+        """Return what evaluates the surface in its present state; every patch must be fitted."""
         return assemble(self.mesh, self.patches, self.blending, self.fits, self.settings)
 
     @property
@@ -245,11 +245,11 @@ class PatchedSurface(Generic[Observed]):
                 before = self._fits[patch]
                 if self._blended is not None:
                     self._exchange(self._blended, patch, before, fit)
-                self._fits[patch] = fit if before is None or not swept else _as_told_before(fit, before)
+                self._fits[patch] = fit if before is None or not swept else _with_iterations_of(fit, before)
             yield len(fits)
 
     def _sweep_task(self, chunk: Indices) -> ChunkTask:
-        """Problems of some patches against what all the others leave, started from where they stand."""
+        """Problems of some patches against what all the others leave, started from their fits."""
         problems = []
         for k in map(int, chunk):
             fit, own = self._fits[k], self.observations.of_patch(k)
@@ -277,8 +277,8 @@ OscillationTest = Callable[[PatchedSurface[Observed]], Iterator[tuple[Booleans, 
 """Finds the patches that oscillate between their observations, and what to fit them to (see `refit_oscillating`)."""
 
 
-def _as_told_before(fit: PatchFit, before: PatchFit) -> PatchFit:
-    """A sweep minimises eq. 6: what is told of the iterations stays that of the patch by itself (eq. 3)."""
+def _with_iterations_of(fit: PatchFit, before: PatchFit) -> PatchFit:
+    """A sweep minimises eq. 6, so the history stays that of the patch by itself (eq. 3)."""
     return replace(fit, energy=before.energy, squared_error=before.squared_error, history=before.history)
 
 

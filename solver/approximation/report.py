@@ -31,37 +31,23 @@ class Report:
 
     Attributes
     ----------
-    version, method, settings
-        The solver's version, the method, and all settings by name.
-    cloud
-        How points were observed; None for a mesh.
+    version, method, settings, cloud
+        What was run; `cloud` says how points were observed and is None for a mesh.
     input
-        Counts and size of the input.
-    patches, flipped_triangles
-        Patches, and their triangles whose orientation some domain turned.
-    passed_through_vertices
-        Vertices at which the surface is the input.
-    vertex_error, surface_error
-        Root mean square, mean, 95th percentile and maximum of the distances at the input's vertices (or of the points
-        from their parameters), and between them (or of the points from the surface).
-    relative
-        Some of them divided by the longest side of the input's bounding box.
-    seam_max
-        Largest jump of the surface across a patch's rim.
-    representation_bytes
-        Size of the stored representation.
-    normal_error_degrees
-        Mean angle between the normals of input and surface.
+        Counts of the input, and the longest side of its bounding box.
+    patches, flipped_triangles, passed_through_vertices
+        Patches, their triangles whose orientation some domain turned, and vertices at which the surface is the input.
+    vertex_error, surface_error, relative
+        Statistics of the distances at the input's vertices and between them; for a cloud, of the points from the places
+        at which they were observed and from the surface.  `relative` ones are shares of the longest side.
+    seam_max, normal_error_degrees
+        Largest jump across a patch's rim, and mean angle between the normals of input and surface.
     energy, iterations
         What `measured_iterations` returns; the energies are there twice.
-    tolerance
-        What it took to keep a tolerance; None without one.
-    seconds
-        Time of each stage, and in total.
-    peak_memory_mb, workers
-        Largest resident memory, and how many chunks were fitted at once.
-    denoise
-        What was done to the noise; None where nothing was.
+    tolerance, denoise
+        What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
+    seconds, peak_memory_mb, workers, representation_bytes
+        Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
     """
 
     version: str
@@ -120,14 +106,10 @@ class Deviation:
 
     Attributes
     ----------
-    at_points
-        Distances at the input's vertices or points, (n,).
-    between
-        Distances between them, of any shape; for a cloud those of the points from the surface.
-    normal_error
-        Mean angle between normals, degrees.
-    size
-        Longest side of the input's bounding box.
+    at_points, between
+        Distances whose statistics are `Report.vertex_error` and `Report.surface_error`, of any shape.
+    normal_error, size
+        Mean angle between normals in degrees, and longest side of the input's bounding box.
     """
 
     at_points: Array
@@ -202,19 +184,7 @@ def measure(
     tolerance: dict[str, Any] | None = None,
     denoise: dict[str, Any] | None = None,
 ) -> Report:
-    """Fill in the report of a finished surface.
-
-    Parameters
-    ----------
-    representation, deviation
-        The surface, and how far it is from the input.
-    settings, watch, runner
-        What it was made with.
-    counts
-        `Report.input` without the size.
-    flipped_triangles, passed_through_vertices, iterations, cloud, tolerance, denoise
-        See `Report`.
-    """
+    """Fill in the report of a finished surface; `counts` is `Report.input` without the size."""
     with watch.stage("measure"):
         measures = deviation.measures()
         jump, stored = seam(representation), len(representation.stored)

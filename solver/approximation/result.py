@@ -104,7 +104,7 @@ def measured_result(
 
 
 def _passed_through(representation: Representation, error: Array, given: MeshInput) -> int:
-    """Number of vertices without any patch; where noise alone was taken off, of those that stayed in place."""
+    """Number of vertices without a patch; where only noise was removed, of those that did not move."""
     if given.denoised is not None and not representation.patches:
         return int((error == 0.0).sum())
     weight = np.bincount(representation.patch_vertices, weights=representation.weights, minlength=len(error))

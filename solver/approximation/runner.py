@@ -13,13 +13,13 @@ from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
 
 TASKS_AHEAD = 2
-"""Tasks that a worker has in hand or waiting; more would only hold memory."""
+"""Tasks that each worker has running or waiting; more would only take memory."""
 
 UNKNOWN_WORKERS = 16
-"""Workers that a foreign executor is taken to have when the settings do not say."""
+"""Workers that the caller's executor is assumed to have unless the settings say."""
 
 VERTICES_WORTH_A_WORKER = 2000
-"""A smaller share is done before a new process is ready."""
+"""Fewer vertices are fitted before a new process has started."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ChunkRunner:
     def run(self, tasks: Iterable[ChunkTask]) -> Iterator[tuple[ChunkTask, list[PatchFit]]]:
         """Fit chunks and yield them with their fits, in the order of the tasks whatever the order of completion.
 
-        Tasks are made as late as possible.  Leaving the iteration early cancels what has not begun.
+        Tasks are made as late as possible.  Leaving the iteration early cancels those that have not started.
         """
         if self.executor is None:
             for task in tasks:
@@ -77,7 +77,7 @@ def chunk_runner(workers: int, vertices: int, executor: Executor | None = None) 
     vertices
         Number of vertices of the mesh.
     executor
-        The caller's own, which is used as it is and lives on; `workers` then says how many chunks it runs at once.
+        The caller's own, which stays open; `workers` then says how many chunks it runs at once.
     """
     if executor is not None:
         yield ChunkRunner(executor, workers or UNKNOWN_WORKERS)
@@ -90,5 +90,5 @@ def chunk_runner(workers: int, vertices: int, executor: Executor | None = None) 
     try:
         yield ChunkRunner(own, count)
     finally:
-        # Nothing waits any more when the work is done, so this kills nothing but what was abandoned.
+        # After complete work nothing waits any more; this ends only abandoned tasks.
         own.shutdown(cancel_futures=True)

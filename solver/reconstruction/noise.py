@@ -1,4 +1,4 @@
-"""Patch size and regularisation for noisy observations: as fine as the noise allows, and no finer."""
+"""Patch size and regularisation for noisy observations: as fine as the noise allows."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from .geometry import CloudGeometry
 from .observations import ObservedCloud, observer
 
 RINGS = (1, 2, 3)
-CLEAN = 0.02
+"""Patch radii to choose from, in edges of the base."""
+
+NEGLIGIBLE_NOISE = 0.02
 """Noise below this share of the spacing counts as none."""
 
 PATCHES_ASKED = 48
+"""Patches from which the error of a radius is estimated."""
+
 LARGEST_SHIFT = 0.1
-"""By how much the domain is expected to move, in patch radii: the prior from which regularisation follows where data is
-noisy."""
+"""How far the domain is expected to move, in patch radii: the prior that sets the regularisation for noisy data."""
 
 
 def ring_for_noise(
@@ -30,11 +33,10 @@ def ring_for_noise(
 ) -> int:
     """Patch radius with the least expected error across the surface (Mallows 1973): 1 where there is hardly any noise.
 
-    A patch's risk is its mean squared residual less the noise's variance, plus twice the variance for each share that a
-    function has of the points: what the residual would be on new points.  Patches are fitted over their initial domains
-    for this.
+    A patch's risk is its mean squared residual minus the noise's variance, plus twice the variance times the functions
+    per point: what the residual would be on new points.  For this patches are fitted over their initial domains.
     """
-    if geometry.noise <= CLEAN * geometry.spacing:
+    if geometry.noise <= NEGLIGIBLE_NOISE * geometry.spacing:
         return RINGS[0]
     risks = [_risk(mesh, cloud, geometry, settings, ring, runner) for ring in RINGS]
     return RINGS[int(np.argmin(risks))]
@@ -73,7 +75,7 @@ def _risk(
 
 
 def iterations_for_noise(settings: Settings, relative_noise: float) -> int:
-    """Iterations after which the annealed regularisation has come down to what noisy data call for.
+    """Iterations after which the annealed regularisation has fallen to what noisy data require.
 
     With noise of standard deviation s, in patch radii, and domains expected to move by d the most probable domain
     minimises |residual|^2 + (s / d)^2 |U - U0|^2: going below that weight would fit the domain to the noise.

@@ -17,7 +17,7 @@ from ..patches.patches import Patches
 from ..settings import Settings
 
 POINTS_A_FUNCTION = 2.5
-"""A patch may use the polynomials of total degree t when it has so many points for each of them."""
+"""A patch may use the polynomials of total degree t when it has this many points for each of them."""
 
 SCARCE = 4
 """A triangle with fewer observations gets fillers."""
@@ -48,7 +48,7 @@ class ObservedCloud:
     noise: float
 
     def moved(self, feet: Footpoints, weights: Array) -> ObservedCloud:
-        """The same points at other places of the base, with other weights; both may be of the first points only."""
+        """The same points at other places of the base with other weights, or only the first of them."""
         count = len(weights)
         triangle, barycentric = self.feet.triangle.copy(), self.feet.barycentric.copy()
         triangle[:count], barycentric[:count] = feet.triangle[:count], feet.barycentric[:count]
@@ -60,14 +60,14 @@ class ObservedCloud:
 
 
 def fillers(cloud: ObservedCloud, mesh: TriangleMesh) -> Footpoints:
-    """Places in the triangles that have hardly any points: without an observation there the surface could run away."""
+    """Places in the triangles that have hardly any points: without an observation there the surface could oscillate."""
     weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
     scarce = np.flatnonzero(weights < SCARCE)
     return Footpoints(np.repeat(scarce, len(SURFACE_SAMPLES)), np.tile(SURFACE_SAMPLES, (len(scarce), 1)))
 
 
 def filled(cloud: ObservedCloud, feet: Footpoints, points: Array) -> ObservedCloud:
-    """Observe fillers at these places and points too, with little weight."""
+    """Add fillers at these places and points, with little weight."""
     return replace(
         cloud,
         points=np.concatenate([cloud.points, points]),
@@ -110,7 +110,7 @@ class CloudObservations:
         cloud
             What is observed.
         degrees
-            The patches' degrees where they are fixed already, (K,); otherwise as high as their points afford.
+            The patches' degrees, (K,); where None, the highest that their points afford.
         """
         self._mesh, self._kind = mesh, kind
         self.patches, self.vertices, self.points = patches, mesh.vertices, cloud.points
@@ -154,7 +154,7 @@ class CloudObservations:
         return PatchObservations(number, corners, shares, weights, blending, int(self.degrees[patch]), self.cloud.noise)
 
     def samples_of_patch(self, patch: int, samples: Array) -> PatchObservations:
-        """Places (q, 3) in every triangle of a patch, as if they were observed."""
+        """Observations at places (q, 3) in every triangle of a patch."""
         faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
         own = self._blending[slice(*self.patches.vertex_offsets[patch : patch + 2])]
         corners = np.repeat(self._corners[faces], len(samples), axis=0)
@@ -172,7 +172,7 @@ def observer(
 
 
 def affordable_degrees(points: Array) -> Indices:
-    """Highest total degrees of which so many points, (K,), hold all the polynomials, at least 1."""
+    """Highest total degrees, at least 1, whose polynomials that many points, (K,), determine."""
     degrees = (np.sqrt(1.0 + 8.0 * points / POINTS_A_FUNCTION) - 3.0) / 2.0
     return np.maximum(degrees.astype(np.int64), 1)
 

@@ -45,7 +45,7 @@ MEASURING_STEPS = 5
 """Steps towards the nearest point of the surface, between fits and when errors are measured."""
 
 COARSER = 2
-"""By how much the rings of the coarse fit are larger that fills places without points."""
+"""The coarse fit that fills places without points has rings larger by this."""
 
 ROBUST_ROUNDS = 2
 ROBUST_ITERATIONS = 2
@@ -55,7 +55,7 @@ CREASE_WEIGHT = 1.0
 """Weight of an estimated crease point, beside that of a point of the cloud."""
 
 SMALLEST_SCALE = 0.1
-"""Robust weights take no scale below this share of the spacing: a crease rounded off is no outlier."""
+"""Robust weights use at least this share of the spacing as scale: a rounded crease is not an outlier."""
 
 OUTLIER_WEIGHT = 0.1
 """Points with a smaller weight are reported as outliers."""
@@ -187,7 +187,7 @@ class _Work:
         with self.watch.stage("domains"):
             surface = self._covered(observed, self.settings)
         if not len(surface.patches):
-            raise InputError("The base has no place for a patch: its triangles hang together nowhere.")
+            raise InputError("The base has no room for a patch: none of its triangles are connected.")
         if self.cloud.robust != "none":
             with self.watch.stage("solve"):
                 surface.observations = yield from within(self._weighed(surface), 0.06, 0.08)
@@ -251,7 +251,7 @@ class _Work:
         return filled(observed, places, on_surface)
 
     def _weighed(self, surface: CloudSurface) -> Steps[CloudObservations]:
-        """Tell outliers from a few coarse fits, as they must not choose the functions."""
+        """Find outliers by a few coarse fits, so that they do not influence the choice of functions."""
         few = min(ROBUST_ITERATIONS, self.settings.iterations)
         coarse = self._covered(surface.observations.cloud, replace(self.settings, iterations=few, sweeps=0))
         for number in range(ROBUST_ROUNDS):

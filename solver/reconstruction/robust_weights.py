@@ -1,6 +1,6 @@
 """Robust weights: how much a point counts, by its distance from the surface (Huber 1964; Beaton, Tukey 1974).
 
-Least squares with these weights, taken anew from each fit, minimise a loss that grows slower than the square.
+Least squares with these weights, updated after each fit, minimise a loss that grows slower than the square.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ NORMAL_MEDIAN = 0.6744897501960817
 
 
 def spread(distance: Array) -> float:
-    """Standard deviation of the good points, from the median of the distances (P,), which outliers do not move."""
+    """Standard deviation of the good points, from the median of the distances, (P,), which outliers hardly move."""
     return float(np.median(distance)) / NORMAL_MEDIAN if len(distance) else 0.0
 
 

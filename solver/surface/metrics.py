@@ -18,8 +18,7 @@ from .representation import Representation
 EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
 """Where the jump across a patch's rim is measured along an edge."""
 
-POINTS_AT_ONCE = 600_000
-TRIANGLES_AT_ONCE = 100_000
+POINTS_AT_ONCE, TRIANGLES_AT_ONCE = 600_000, 100_000
 """Measured together: more would only take memory."""
 
 
@@ -57,14 +56,14 @@ def surface_error(
 
 
 def _blocks(count: int, points_each: int) -> Iterator[slice]:
-    """Parts of so many things that are evaluated at once, so that memory stays bounded."""
+    """Slices of `count` things with `points_each` points, so that memory stays bounded."""
     step = max(1, POINTS_AT_ONCE // points_each)
     for start in range(0, count, step):
         yield slice(start, start + step)
 
 
 def seam(representation: Representation) -> float:
-    """Largest jump of the surface across the patches' rims: the edges between triangles that other patches cover."""
+    """Largest jump of the surface across patches' rims, the edges between triangles that different patches cover."""
     pairs = pairs_across_edges(representation)
     pairs = pairs.select(pairs.on_rim)
     largest = 0.0
@@ -86,7 +85,7 @@ class EdgePairs:
     corners
         The edge's ends as corners of each of them, the same end first, (2, E, 2).
     on_rim
-        Where other patches cover the one triangle than the other, so that the rim of a patch runs along the edge, (E,).
+        Where the two triangles are covered by different patches, so that the rim of a patch runs along the edge, (E,).
     """
 
     triangles: Indices
@@ -112,7 +111,7 @@ class EdgePairs:
 
 
 def pairs_across_edges(representation: Representation) -> EdgePairs:
-    """Find the triangles that meet at edges of the input mesh, and where patches end between them."""
+    """Find the triangles that meet at edges of the input mesh, and the edges between them at which patches end."""
     triangles = representation.triangles
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     key = edge_keys(starts, ends, len(representation.vertices))

@@ -282,7 +282,7 @@ def test_all_methods_work(settings: Settings) -> None:
     cloud = ball(900)
     result = fitted(cloud, settings)
     assert rms(result.error) < 1e-3
-    assert rms(cloud.distance(evaluated(result)[0])) < 3e-3
+    assert rms(cloud.distance(evaluated(result)[0])) < 5e-3
     assert result.report["method"] == settings.method
     assert result.report["flipped_triangles"] == 0
 
