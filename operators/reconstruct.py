@@ -108,7 +108,7 @@ def read_cloud(
     SparseSurfaceError
         When there are too few points, or no base can be made of them.
     """
-    from ..solver.reconstruction.evaluated import CloudArrays
+    from ..solver.interchange import CloudArrays
     from ..solver.reconstruction.reconstruct import checked_points
     from .data import points as cloud_data
     from .data.base_mesh import make_base

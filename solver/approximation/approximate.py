@@ -5,25 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
+from ..fitting.chunks import PatchFit
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
 from ..patches.patches import Patches
 from ..patches.splitting import with_domains
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import Settings
+from ..surface.creases import crease_edges
+from ..surface.metrics import domain_jacobians, domain_stretch, flipped_triangles, strongest_patch
+from ..surface.representation import Representation
 from .denoised import MeshInput, remove_noise
+from .measuring import Deviation, measure, measured_iterations, mesh_counts
 from .oscillation import MeshSurface, oscillating_on_mesh
 from .patched_surface import PatchedSurface, cover
 from .preview import Preview
-from .report import Stopwatch, measured_iterations
-from .result import Approximation, measured_result
+from .report import Stopwatch
+from .result import Approximation
 from .runner import ChunkRunner, chunk_runner
-from .tolerance import keep_tolerance
+from .tolerance import ToleranceKept, keep_tolerance
 
 SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 """Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""
@@ -136,7 +142,7 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     with watch.stage("blend"):
         points = representation.at_vertices()
     yield Progress("Measuring", 0.98, surface=points.copy)
-    return measured_result(given, surface, points.astype(stored), representation, iterations, kept, watch)
+    return _result(given, surface, points.astype(stored), representation, iterations, kept, watch)
 
 
 def _held_vertices(
@@ -177,3 +183,66 @@ def _swept(surface: MeshSurface) -> Steps[None]:
         )
         if (yield from within(surface.sweep("Blending patches", f"sweep {number + 1}"), start, end)):
             return
+
+
+def _result(
+    given: MeshInput,
+    surface: MeshSurface,
+    points: NDArray[Any],
+    representation: Representation,
+    iterations: dict[str, list[float]],
+    kept: ToleranceKept | None,
+    watch: Stopwatch,
+) -> Approximation:
+    """Measure a finished surface, with its `points` at the vertices (V, 3), against the input."""
+    mesh, settings = surface.mesh, surface.settings
+    with watch.stage("measure"):
+        jacobians, area = domain_jacobians(representation)
+        stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
+        deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices)
+        if given.source is not None:
+            deviation = Deviation.from_mesh(representation, points, given.source)
+    error = deviation.at_points
+    report = measure(
+        representation,
+        deviation,
+        settings,
+        watch,
+        surface.runner,
+        counts=mesh_counts(mesh),
+        flipped_triangles=flipped_triangles(jacobians, area),
+        passed_through_vertices=_passed_through(representation, error, given),
+        iterations=iterations,
+        tolerance=None if kept is None else kept.as_dict(max(error.max(initial=0.0), float(deviation.between.max()))),
+        denoise=given.denoising(fitted),
+    )
+    return Approximation(
+        points,
+        error,
+        strongest_patch(representation),
+        stretch,
+        report,
+        representation,
+        _history(representation, surface.fits),
+        crease_edges(representation, mesh) if settings.mark_creases else None,
+    )
+
+
+def _passed_through(representation: Representation, error: Array, given: MeshInput) -> int:
+    """Number of vertices without a patch; where only noise was removed, of those that did not move."""
+    if given.denoised is not None and not representation.patches:
+        return int((error == 0.0).sum())
+    weight = np.bincount(representation.patch_vertices, weights=representation.weights, minlength=len(error))
+    return int((weight <= 0.0).sum())
+
+
+def _history(representation: Representation, fits: list[PatchFit]) -> Array | None:
+    """The blended surface after each iteration, (n, V, 3), where the patches kept their own."""
+    histories = [fit.history for fit in fits if fit.history is not None]
+    if not histories or len(histories) < len(fits):
+        return None
+    surfaces = []
+    for number in range(max(len(history) for history in histories)):
+        values = np.concatenate([history[min(number, len(history) - 1)] for history in histories])
+        surfaces.append(representation.blend_at_vertices(values))
+    return np.stack(surfaces)

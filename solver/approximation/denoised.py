@@ -19,7 +19,7 @@ from ..patches.observations import checked_weights
 from ..progress import FINISH, Steps
 from ..settings import Settings
 from ..surface.metrics import statistics
-from .report import Deviation
+from .measuring import Deviation
 
 
 @dataclass(frozen=True)

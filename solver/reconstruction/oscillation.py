@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from ..approximation.patched_surface import PatchedSurface
 from ..arrays import Array, Indices
+from ..mesh.sampling import triangle_grid
 from ..patches.blending import PLATEAU
 from .observations import CloudObservations
 from .tangent_planes import TangentPlanes
 
 CloudSurface = PatchedSurface[CloudObservations]
 
-SPLITS = 5
-"""Parts of a triangle's sides in the grid at which a patch is compared with the planes."""
+SAMPLES = triangle_grid(5)
+"""Points of each triangle at which a patch is compared with the planes."""
 
 REFITS = 3
 DEGREE_FACTOR = 0.6
@@ -83,14 +84,3 @@ def farthest(patches: Indices, planes: TangentPlanes, sampled: Callable[[int], t
 def lowered(degrees: Indices) -> Indices:
     """Lower degrees for patches that oscillate."""
     return np.maximum((DEGREE_FACTOR * degrees).astype(np.int64), LOWEST_DEGREE)
-
-
-def triangle_grid(splits: int) -> Array:
-    """Barycentric coordinates of the grid that splits a triangle's sides evenly, ((n + 1) (n + 2) / 2, 3)."""
-    i, j = np.divmod(np.arange((splits + 1) ** 2), splits + 1)
-    inside = i + j <= splits
-    i, j = i[inside], j[inside]
-    return np.column_stack([splits - i - j, i, j]) / splits
-
-
-SAMPLES = triangle_grid(SPLITS)

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
+from ..approximation.measuring import Deviation, measure, measured_iterations, mesh_counts
 from ..approximation.patched_surface import OscillationTest, PatchedSurface
-from ..approximation.report import Deviation, Report, Stopwatch, measure, measured_iterations, mesh_counts
+from ..approximation.report import Report, Stopwatch
 from ..approximation.runner import ChunkRunner, chunk_runner
 from ..arrays import Array
 from ..errors import InputError
