@@ -22,7 +22,7 @@ from ..surface.creases import crease_edges
 from ..surface.metrics import domain_jacobians, domain_stretch, flipped_triangles, strongest_patch
 from ..surface.representation import Representation
 from .denoised import MeshInput, remove_noise
-from .measuring import Deviation, measure, measured_iterations, mesh_counts
+from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
 from .patched_surface import PatchedSurface, cover
 from .preview import Preview
@@ -195,25 +195,23 @@ def _result(
     watch: Stopwatch,
 ) -> Approximation:
     """Measure a finished surface, with its `points` at the vertices (V, 3), against the input."""
-    mesh, settings = surface.mesh, surface.settings
+    mesh = surface.mesh
     with watch.stage("measure"):
         jacobians, area = domain_jacobians(representation)
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
         deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices)
         if given.source is not None:
             deviation = Deviation.from_mesh(representation, points, given.source)
-    error = deviation.at_points
+    error, achieved = deviation.at_points, max(fitted.at_points.max(initial=0.0), fitted.between.max(initial=0.0))
     report = measure(
+        surface,
         representation,
         deviation,
-        settings,
         watch,
-        surface.runner,
-        counts=mesh_counts(mesh),
         flipped_triangles=flipped_triangles(jacobians, area),
         passed_through_vertices=_passed_through(representation, error, given),
         iterations=iterations,
-        tolerance=None if kept is None else kept.as_dict(max(error.max(initial=0.0), float(deviation.between.max()))),
+        tolerance=None if kept is None else kept.as_dict(float(achieved)),
         denoise=given.denoising(fitted),
     )
     return Approximation(
@@ -224,7 +222,7 @@ def _result(
         report,
         representation,
         _history(representation, surface.fits),
-        crease_edges(representation, mesh) if settings.mark_creases else None,
+        crease_edges(representation, mesh) if surface.settings.mark_creases else None,
     )
 
 

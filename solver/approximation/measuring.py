@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
-from ..mesh.triangle_mesh import TriangleMesh
-from ..settings import Settings
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
 from ..version import VERSION
+from .patched_surface import PatchedSurface
 from .report import Report, Stopwatch
-from .runner import ChunkRunner
 
 
 @dataclass(frozen=True)
@@ -64,16 +62,6 @@ class Deviation:
         }
 
 
-def mesh_counts(mesh: TriangleMesh) -> dict[str, int]:
-    """Count the parts of the mesh that carries the patches, for `Report.input`."""
-    return {
-        "vertices": len(mesh.vertices),
-        "faces": mesh.polygon_count,
-        "triangles": len(mesh.triangles),
-        "components": mesh.component_count,
-    }
-
-
 def measured_iterations(fits: list[PatchFit]) -> dict[str, list[float]]:
     """Measure the iterations of the patches by themselves, before sweeps and blending.
 
@@ -90,30 +78,37 @@ def measured_iterations(fits: list[PatchFit]) -> dict[str, list[float]]:
 
 
 def measure(
+    surface: PatchedSurface[Any],
     representation: Representation,
     deviation: Deviation,
-    settings: Settings,
     watch: Stopwatch,
-    runner: ChunkRunner,
     *,
-    counts: dict[str, Any],
     flipped_triangles: int,
     passed_through_vertices: int,
     iterations: dict[str, list[float]],
+    counts: dict[str, Any] | None = None,
     cloud: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     denoise: dict[str, Any] | None = None,
 ) -> Report:
-    """Fill in the report of a finished surface; `counts` is `Report.input` without the size."""
+    """Fill in the report of a finished surface; `counts` are added to what `Report.input` says of the mesh."""
+    mesh = surface.mesh
     with watch.stage("measure"):
         measures = deviation.measures()
         jump, stored = seam(representation), len(representation.stored)
     return Report(
         version=VERSION,
-        method=settings.method,
-        settings=settings.as_dict(),
+        method=surface.settings.method,
+        settings=surface.settings.as_dict(),
         cloud=cloud,
-        input={**counts, "bounding_box_longest_side": deviation.size},
+        input={
+            "vertices": len(mesh.vertices),
+            "faces": mesh.polygon_count,
+            "triangles": len(mesh.triangles),
+            "components": mesh.component_count,
+            "bounding_box_longest_side": deviation.size,
+            **(counts or {}),
+        },
         patches=representation.patches,
         flipped_triangles=flipped_triangles,
         passed_through_vertices=passed_through_vertices,
@@ -124,7 +119,7 @@ def measure(
         iterations=iterations,
         tolerance=tolerance,
         seconds=watch.report(),
-        peak_memory_mb=runner.peak_memory_mb(),
-        workers=runner.workers,
+        peak_memory_mb=surface.runner.peak_memory_mb(),
+        workers=surface.runner.workers,
         denoise=denoise,
     )

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
-from ..approximation.measuring import Deviation, measure, measured_iterations, mesh_counts
+from ..approximation.measuring import Deviation, measure, measured_iterations
 from ..approximation.patched_surface import OscillationTest, PatchedSurface
-from ..approximation.report import Report, Stopwatch
+from ..approximation.report import Stopwatch
 from ..approximation.runner import ChunkRunner, chunk_runner
 from ..arrays import Array
 from ..errors import InputError
@@ -305,8 +305,25 @@ class _Work:
             feet, distance = nearest_on_surface(representation, self.mesh, self.points, start, MEASURING_STEPS)
             size = float(np.ptp(self.points, axis=0).max())
             deviation = Deviation(parametric, distance, self._normal_error(representation, feet), size)
+            flipped = flipped_triangles(*domain_jacobians(representation))
             vertices = representation.at_vertices()
-        report = self._report(surface, representation, deviation, iterations)
+        report = measure(
+            surface,
+            representation,
+            deviation,
+            self.watch,
+            flipped_triangles=flipped,
+            passed_through_vertices=int(surface.patches.passed_through.sum()),
+            iterations=iterations,
+            counts={
+                "points": count,
+                "spacing": self.geometry.spacing,
+                "noise": self.geometry.noise,
+                "crease_points": len(self._creases()),
+                "outliers": int((self.weights < OUTLIER_WEIGHT).sum()),
+            },
+            cloud=self.cloud.as_dict(),
+        )
         return Reconstruction(vertices, distance, feet.triangle, feet.barycentric, self.weights, report, representation)
 
     def _normal_error(self, representation: Representation, feet: Footpoints) -> float:
@@ -315,31 +332,3 @@ class _Work:
         beside = np.linalg.norm(np.cross(normals, planes), axis=1)
         angle = np.arctan2(beside, np.abs((normals * planes).sum(axis=1)))
         return float(np.degrees(angle).mean())
-
-    def _report(
-        self,
-        surface: CloudSurface,
-        representation: Representation,
-        deviation: Deviation,
-        iterations: dict[str, list[float]],
-    ) -> Report:
-        counts = {
-            "points": len(self.points),
-            **mesh_counts(self.mesh),
-            "spacing": self.geometry.spacing,
-            "noise": self.geometry.noise,
-            "crease_points": len(self._creases()),
-            "outliers": int((self.weights < OUTLIER_WEIGHT).sum()),
-        }
-        return measure(
-            representation,
-            deviation,
-            self.settings,
-            self.watch,
-            self.runner,
-            counts=counts,
-            flipped_triangles=flipped_triangles(*domain_jacobians(representation)),
-            passed_through_vertices=int(surface.patches.passed_through.sum()),
-            iterations=iterations,
-            cloud=self.cloud.as_dict(),
-        )
