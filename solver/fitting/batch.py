@@ -17,12 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..mesh.quadrics import quadric_terms
 from .domain_energy import DomainEnergy
 from .sparse_matrices import diagonal_blocks, for_both, in_single_precision
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

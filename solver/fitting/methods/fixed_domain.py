@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ...arrays import Array, Indices
 from ...settings import Settings
 from ..batch import Batch
 from ..dictionary import Dictionary
@@ -22,8 +20,8 @@ def improve(
     batch: Batch,
     dictionary: Dictionary,
     settings: Settings,
-    domain: NDArray[np.float64],
-    support: NDArray[np.int64],
+    domain: Array,
+    support: Indices,
     iterations: int,
 ) -> Solution:
     """Choose functions for the changed data, and keep the earlier ones (B, D, s) where they fit better."""
