@@ -5,8 +5,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Protocol, cast
 
-import numpy as np
-
 from ...arrays import Array, Indices
 from ...patch_methods import METHODS
 from ...settings import Settings
@@ -25,13 +23,7 @@ class PatchSolver(Protocol):
         """Fit every problem from its initial domain."""
 
     def improve(
-        self,
-        batch: Batch,
-        dictionary: Dictionary,
-        settings: Settings,
-        domain: Array,
-        support: Indices,
-        iterations: int,
+        self, batch: Batch, dictionary: Dictionary, settings: Settings, domain: Array, support: Indices, iterations: int
     ) -> Solution:
         """Continue from an earlier solution: its domains (2, B, m) and functions (B, D, s), for changed data."""
 
