@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..operators.files.atomic import beside
 from ..operators.files.formats import WRITABLE, up_axis
+from ..solver.atomic_files import atomic_output
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Output:
 
 def write_json(path: Path, values: Any) -> None:
     """Write plain values; the file appears when it is complete."""
-    with beside(path) as draft:
+    with atomic_output(path) as draft:
         draft.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
 
 

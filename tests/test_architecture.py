@@ -27,14 +27,12 @@ Sources = dict[str, str]
 """Text of each file by its path in the checkout."""
 
 FLOORS = (
-    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.progress "
-    "solver.threads solver.version",
-    "solver.settings solver.mesh solver.processes",
+    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.progress solver.version",
+    "solver.settings solver.mesh solver.processes solver.threads",
     "solver.patches solver.denoising",
     "solver.fitting",
     "solver.surface",
-    "solver.approximation",
-    "solver.interchange",
+    "solver.approximation solver.interchange",
     "solver.reconstruction",
     "solver.job",
     "solver",

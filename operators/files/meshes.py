@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 from bpy.types import Object
 
+from ...solver.atomic_files import atomic_output
 from ...solver.errors import FileFormatError, InputError
-from .atomic import beside
 from .formats import BY_ENDING, READABLE, WRITABLE, Format
 
 
@@ -76,7 +76,7 @@ def write_meshes(path: Path, objects: Sequence[Object]) -> None:
     bpy.context.view_layer.update()
     for other in bpy.context.view_layer.objects:
         other.select_set(other in objects)
-    with beside(path) as draft:
+    with atomic_output(path) as draft:
         try:
             _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
         except RuntimeError as error:

@@ -13,8 +13,8 @@ from ..arrays import Array, Indices
 from ..patch_methods import METHODS
 from ..patches.blending import fitting_weights
 from ..patches.observations import Observations, PatchObservations
+from ..processes.threads import one_thread
 from ..settings import Settings
-from ..threads import one_thread
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .dictionary import Dictionary
 from .methods import solver_of

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import scipy.linalg  # noqa: F401  its BLAS has to be loaded before threads are counted
 from threadpoolctl import ThreadpoolController
 
-from .progress import Progress, Steps
+from ..progress import Progress, Steps
 
 Result = TypeVar("Result")
 
