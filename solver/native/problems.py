@@ -1,0 +1,169 @@
+"""Fitting the problems of a chunk by the compiled kernel: arrays in, the fits of `fitting.chunks` out."""
+
+from __future__ import annotations
+
+from ctypes import byref
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.batch import Frame, Problem
+from ..fitting.chunks import ChunkTask, PatchFit
+from ..settings import Settings
+from .library import NativeProblem, NativeSettings, function, reason_against
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+DONE, OUT_OF_MEMORY = 0, 1
+"""Of `Status` in kernel.h; anything else means that the arrays contradict each other."""
+
+FRAME_SIZE = 10
+"""Numbers of a frame: centre, turn, origin, scale."""
+
+
+def reason_for_numpy(settings: Settings) -> str | None:
+    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
+    if settings.method != "default":
+        return "The compiled kernel solves the default method only."
+    if settings.automatic_sparsity:
+        return "The compiled kernel does not choose the sparsity by itself."
+    return reason_against()
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """Arrays of one problem that the kernel fills in; see `Problem` in kernel.h."""
+
+    frame: Array
+    start: Array
+    solved: Array
+    support: Indices
+    coefficients: Array
+    fitted: Array
+    energy: Array
+    squared_error: Array
+    history: Array | None
+
+    @classmethod
+    def of(cls, problem: Problem, settings: Settings) -> _Solved:
+        """Room for the solution of a problem; where it was solved before, with that solution to begin from."""
+        size, signals = problem.signals.shape
+        warm = problem.warm
+        steps = max(settings.iterations, 1)
+        width = _places(problem, settings) if warm is None else warm.support.shape[1]
+        return cls(
+            np.zeros(FRAME_SIZE) if warm is None else _as_numbers(warm.frame),
+            np.empty((size, 2)),
+            np.empty((size, 2)) if warm is None else warm.domain.copy(),
+            np.empty((signals, width), dtype=np.int64) if warm is None else warm.support.astype(np.int64),
+            np.empty((signals, width)),
+            np.empty((len(problem.values), signals)),
+            np.empty(steps),
+            np.empty(steps),
+            np.empty((steps, size, signals)) if settings.keep_iterations and warm is None else None,
+        )
+
+
+def _places(problem: Problem, settings: Settings) -> int:
+    """How many functions a signal can use: no more than there are observations, beyond which all depend on others."""
+    return min(settings.sparsity, (problem.degree + 1) * (problem.degree + 2) // 2, len(problem.values))
+
+
+def _as_numbers(frame: Frame) -> Array:
+    origin = np.zeros(3)
+    origin[: len(frame.origin)] = frame.origin
+    return np.concatenate([frame.centre, frame.turn.ravel(), origin, [frame.scale]])
+
+
+def _as_frame(numbers: Array, signals: int) -> Frame:
+    return Frame(numbers[:2].copy(), numbers[2:6].reshape(2, 2).copy(), numbers[6 : 6 + signals].copy(), float(numbers[9]))
+
+
+def fit_chunk(task: ChunkTask, instructions: str | None = None) -> list[PatchFit]:
+    """Fit the patches of a chunk on this thread; what a patch becomes depends on nothing else in the chunk.
+
+    Raises
+    ------
+    MemoryError
+        When it does not suffice for the largest patch, with a sentence that says so.
+    """
+    settings = task.settings
+    solved = [_Solved.of(problem, settings) for problem in task.problems]
+    # What ctypes points at has to live until the kernel returns.
+    inputs = [_contiguous(problem) for problem in task.problems]
+    natives = (NativeProblem * len(solved))(
+        *(_native(problem, arrays, own) for problem, arrays, own in zip(task.problems, inputs, solved, strict=True))
+    )
+    native_settings = NativeSettings(
+        settings.sparsity,
+        settings.iterations,
+        settings.basis == "legendre",
+        settings.pursuit == "ols",
+        settings.beta1,
+        settings.beta2,
+    )
+    status = function("fit_problems", instructions)(natives, len(solved), byref(native_settings))
+    if status == OUT_OF_MEMORY:
+        size = max(len(problem.domain) for problem in task.problems)
+        raise MemoryError(
+            f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
+        )
+    if status != DONE:
+        raise ValueError(f"The arrays of a patch contradict each other (status {status} of the compiled kernel).")
+    each = len(solved) // len(task.patches)
+    return [_patch_fit(task.problems[k], solved[k : k + each]) for k in range(0, len(solved), each)]
+
+
+def _contiguous(problem: Problem) -> list[NDArray[np.generic]]:
+    return [
+        np.ascontiguousarray(problem.domain),
+        np.ascontiguousarray(problem.triangles, dtype=np.int64),
+        np.ascontiguousarray(problem.signals),
+        np.ascontiguousarray(problem.corners, dtype=np.int64),
+        np.ascontiguousarray(problem.shares),
+        np.ascontiguousarray(problem.values),
+        np.ascontiguousarray(problem.weights),
+    ]
+
+
+def _native(problem: Problem, arrays: list[NDArray[np.generic]], own: _Solved) -> NativeProblem:
+    results = (own.frame, own.start, own.solved, own.support, own.coefficients, own.fitted, own.energy,
+               own.squared_error, own.history)
+    return NativeProblem(
+        len(problem.domain),
+        len(problem.triangles),
+        len(problem.values),
+        problem.signals.shape[1],
+        problem.degree,
+        own.support.shape[1],
+        problem.warm is not None,
+        problem.noise,
+        *(None if array is None else array.ctypes.data for array in (*arrays, *results)),
+    )
+
+
+def _patch_fit(first: Problem, solved: list[_Solved]) -> PatchFit:
+    """One patch's problems together."""
+    signals = len(solved[0].support)
+    histories = [own.history for own in solved if own.history is not None]
+    return PatchFit(
+        [_as_frame(own.frame, signals) for own in solved],
+        np.stack([own.start for own in solved]),
+        np.stack([own.solved for own in solved]),
+        np.concatenate([own.support for own in solved]),
+        np.concatenate([own.coefficients for own in solved]),
+        np.concatenate([own.fitted for own in solved], axis=1),
+        sum_of([own.energy for own in solved]) if first.warm is None else np.zeros(0),
+        sum_of([own.squared_error for own in solved]) if first.warm is None else np.zeros(0),
+        np.concatenate(histories, axis=2) if histories else None,
+    )
+
+
+def sum_of(arrays: list[Array]) -> Array:
+    """Sum of arrays, in their order."""
+    total = arrays[0].copy()
+    for array in arrays[1:]:
+        total += array
+    return total
