@@ -160,7 +160,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     for library in built:
         if library is None:
-            print("There is no C compiler here: the solver does without its compiled kernel, and NumPy fits the patches.")
+            print("There is no C compiler here: NumPy fits the patches, without the compiled kernel.")
         else:
             print(f"{library.relative_to(CHECKOUT)}  {library.stat().st_size / 1e6:.2f} MB")
     return 0

@@ -84,10 +84,10 @@ static double largest_step(const double *restrict jacobian, const double *restri
         double a = jacobian[k], b = jacobian[t + k], c = jacobian[2 * t + k], d = jacobian[3 * t + k];
         double da = change[k], db = change[t + k], dc = change[2 * t + k], dd = change[3 * t + k];
         double square = da * dd - db * dc, slope = a * dd + d * da - b * dc - c * db;
-        double constant = fmax(a * d - b * c - floor, 0.0), inner = slope * slope - 4.0 * square * constant;
+        double constant = larger(a * d - b * c - floor, 0.0), inner = slope * slope - 4.0 * square * constant;
         /* the numerically stable form of the smallest positive root of square x^2 + slope x + constant */
-        double below = -slope + sqrt(fmax(inner, 0.0));
-        if (inner >= 0.0 && below > 0.0) least = fmin(least, 2.0 * constant / below);
+        double below = -slope + sqrt(larger(inner, 0.0));
+        if (inner >= 0.0 && below > 0.0) least = smaller(least, 2.0 * constant / below);
     }
     return least;
 }

@@ -48,7 +48,7 @@ static void fit_quadratics(const Problem *problem, const double *mean, double re
         }
     }
     eigenvectors_of(gram, vectors);
-    for (int i = 0; i < TERMS; i++) most = fmax(most, gram[i][i]);
+    for (int i = 0; i < TERMS; i++) most = larger(most, gram[i][i]);
     memset(quadratic, 0, sizeof(double) * TERMS * 3);
     for (int i = 0; i < TERMS; i++) {
         if (!(gram[i][i] > SINGULAR * most)) continue;
@@ -71,7 +71,7 @@ static void principal_axes(double quadratic[TERMS][3], int signals, double *turn
     double difference = uu - vv, length = sqrt(difference * difference + 4.0 * uv * uv);
     double cosine = 1.0, sine = 0.0;
     if (length > 0.0) {
-        cosine = sqrt(fmax(0.5 * (1.0 + fabs(difference) / length), 0.0));
+        cosine = sqrt(larger(0.5 * (1.0 + fabs(difference) / length), 0.0));
         sine = uv / (length * cosine);
         if (difference < 0.0) {
             double other = cosine;
@@ -88,9 +88,9 @@ static void enclose(const Problem *problem, Frame *frame) {
     for (int64_t n = 0; n < problem->vertex_count; n++)
         for (int k = 0; k < 2; k++) {
             double turned = problem->domain[2 * n] * turn[k] + problem->domain[2 * n + 1] * turn[2 + k];
-            low[k] = fmin(low[k], turned), high[k] = fmax(high[k], turned);
+            low[k] = smaller(low[k], turned), high[k] = larger(high[k], turned);
         }
-    double reach = fmax(high[0] - low[0], high[1] - low[1]) / 2.0, x = (low[0] + high[0]) / 2.0;
+    double reach = larger(high[0] - low[0], high[1] - low[1]) / 2.0, x = (low[0] + high[0]) / 2.0;
     double y = (low[1] + high[1]) / 2.0;
     frame->centre[0] = x * turn[0] + y * turn[1];
     frame->centre[1] = x * turn[2] + y * turn[3];
@@ -107,7 +107,7 @@ static Frame frame_of(const Problem *problem) {
             frame.origin[d] += problem->signals[n * signals + d] / (double)problem->vertex_count;
     }
     for (int64_t n = 0; n < problem->vertex_count; n++)
-        for (int k = 0; k < 2; k++) reach = fmax(reach, fabs(problem->domain[2 * n + k] - mean[k]));
+        for (int k = 0; k < 2; k++) reach = larger(reach, fabs(problem->domain[2 * n + k] - mean[k]));
     if (reach > 0.0) {
         fit_quadratics(problem, mean, reach, frame.origin, quadratic);
         principal_axes(quadratic, signals, frame.turn);

@@ -74,19 +74,22 @@ static void measure_laplacian(Placed *placed) {
 /* W^T (functions times slopes), (2 m, D s): what moving a vertex along u or v does to the sums over the functions. */
 static void collect_functions(const Placed *placed, const State *state, double unit) {
     int columns = placed->signals * placed->width, count = placed->padded_observations;
+    int vectors = placed->width / LANES, row = columns / LANES;
     memset(state->system.observed, 0, sizeof(double) * 2 * (size_t)placed->padded_vertices * (size_t)columns);
     for (int n = 0; n < placed->observations; n++) {
-        const double *restrict functions = state->fit.functions + (size_t)n * columns;
         for (int corner = 0; corner < 3; corner++) {
             double share = placed->shares[3 * (size_t)n + corner] / unit;
             if (share == 0.0) continue;
-            double *rows = state->system.observed + 2 * (size_t)placed->corners[3 * n + corner] * columns;
-            for (int along = 0; along < 2; along++)
-                for (int d = 0; d < placed->signals; d++) {
-                    double factor = share * state->gradient[(size_t)(along * placed->signals + d) * count + n];
-                    double *restrict row = rows + along * columns + d * placed->width;
-                    for (int k = 0; k < placed->width; k++) row[k] += factor * functions[d * placed->width + k];
+            const Lanes *functions = (const Lanes *)(state->fit.functions + (size_t)n * columns);
+            Lanes *along_u = (Lanes *)(state->system.observed + 2 * (size_t)placed->corners[3 * n + corner] * columns);
+            for (int d = 0; d < placed->signals; d++) {
+                double slope_u = share * state->gradient[(size_t)d * count + n];
+                double slope_v = share * state->gradient[(size_t)(placed->signals + d) * count + n];
+                for (int k = 0; k < vectors; k++, functions++, along_u++) {
+                    along_u[0] += slope_u * functions[0];
+                    along_u[row] += slope_v * functions[0];
                 }
+            }
         }
     }
 }
@@ -232,7 +235,7 @@ static void gauss_newton_move(const Placed *placed, const State *state, double b
     int across = placed->padded_vertices;
     double steepest = 0.0;
     for (int n = 0; n < 2 * placed->signals * placed->padded_observations; n++)
-        steepest = fmax(steepest, fabs(state->gradient[n]));
+        steepest = larger(fabs(state->gradient[n]), steepest);
     double unit = steepest > LARGEST_SLOPE ? steepest : 1.0, squared = unit * unit;
     collect_functions(placed, state, unit);
     project_functions(placed, state);

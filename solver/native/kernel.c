@@ -10,3 +10,4 @@
 #include "placed.c"
 #include "variable_projection.c"
 #include "chunk.c"
+#include "examine.c"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ctypes import byref
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,6 @@ DONE, OUT_OF_MEMORY = 0, 1
 FRAME_SIZE = 10
 """Numbers of a frame: centre, turn, origin, scale."""
 
-
 def reason_for_numpy(settings: Settings) -> str | None:
     """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
     if settings.method != "default":
@@ -34,7 +34,7 @@ def reason_for_numpy(settings: Settings) -> str | None:
 
 @dataclass(frozen=True)
 class _Solved:
-    """Arrays of one problem that the kernel fills in; see `Problem` in kernel.h."""
+    """Arrays of one problem that the kernel fills in, in the order of `Problem` in kernel.h."""
 
     frame: Array
     start: Array
@@ -51,7 +51,7 @@ class _Solved:
         """Room for the solution of a problem; where it was solved before, with that solution to begin from."""
         size, signals = problem.signals.shape
         warm = problem.warm
-        steps = max(settings.iterations, 1)
+        steps = max(settings.iterations, 1) if warm is None else 0
         width = _places(problem, settings) if warm is None else warm.support.shape[1]
         return cls(
             np.zeros(FRAME_SIZE) if warm is None else _as_numbers(warm.frame),
@@ -60,8 +60,8 @@ class _Solved:
             np.empty((signals, width), dtype=np.int64) if warm is None else warm.support.astype(np.int64),
             np.empty((signals, width)),
             np.empty((len(problem.values), signals)),
-            np.empty(steps),
-            np.empty(steps),
+            np.zeros(steps),
+            np.zeros(steps),
             np.empty((steps, size, signals)) if settings.keep_iterations and warm is None else None,
         )
 
@@ -78,7 +78,8 @@ def _as_numbers(frame: Frame) -> Array:
 
 
 def _as_frame(numbers: Array, signals: int) -> Frame:
-    return Frame(numbers[:2].copy(), numbers[2:6].reshape(2, 2).copy(), numbers[6 : 6 + signals].copy(), float(numbers[9]))
+    turn = numbers[2:6].reshape(2, 2).copy()
+    return Frame(numbers[:2].copy(), turn, numbers[6 : 6 + signals].copy(), float(numbers[9]))
 
 
 def fit_chunk(task: ChunkTask, instructions: str | None = None) -> list[PatchFit]:
@@ -88,15 +89,31 @@ def fit_chunk(task: ChunkTask, instructions: str | None = None) -> list[PatchFit
     ------
     MemoryError
         When it does not suffice for the largest patch, with a sentence that says so.
+    ValueError
+        When an observation lies in no triangle of its patch, or a function is not in the dictionary.
     """
-    settings = task.settings
-    solved = [_Solved.of(problem, settings) for problem in task.problems]
-    # What ctypes points at has to live until the kernel returns.
-    inputs = [_contiguous(problem) for problem in task.problems]
-    natives = (NativeProblem * len(solved))(
-        *(_native(problem, arrays, own) for problem, arrays, own in zip(task.problems, inputs, solved, strict=True))
-    )
-    native_settings = NativeSettings(
+    prepared = [Prepared.of(problem, task.settings) for problem in task.problems]
+    natives = (NativeProblem * len(prepared))(*(one.native for one in prepared))
+    status = function("fit_problems", instructions)(natives, len(natives), byref(native_settings(task.settings)))
+    check(status, task.problems)
+    each = len(prepared) // len(task.patches)
+    return [_patch_fit([one.solved for one in prepared[k : k + each]]) for k in range(0, len(prepared), each)]
+
+
+def check(status: int, problems: list[Problem]) -> None:
+    """Raise what a status of the kernel means."""
+    if status == OUT_OF_MEMORY:
+        size = max(len(problem.domain) for problem in problems)
+        raise MemoryError(
+            f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
+        )
+    if status != DONE:
+        raise ValueError(f"The arrays of a patch contradict each other (status {status} of the compiled kernel).")
+
+
+def native_settings(settings: Settings) -> NativeSettings:
+    """What the kernel has to know of the settings."""
+    return NativeSettings(
         settings.sparsity,
         settings.iterations,
         settings.basis == "legendre",
@@ -104,48 +121,55 @@ def fit_chunk(task: ChunkTask, instructions: str | None = None) -> list[PatchFit
         settings.beta1,
         settings.beta2,
     )
-    status = function("fit_problems", instructions)(natives, len(solved), byref(native_settings))
-    if status == OUT_OF_MEMORY:
-        size = max(len(problem.domain) for problem in task.problems)
-        raise MemoryError(
-            f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A problem as the kernel takes it.
+
+    Attributes
+    ----------
+    native
+        Sizes and addresses.
+    inputs
+        The arrays that it points at and reads: they have to live until the kernel returns.
+    solved
+        The arrays that it fills in.
+    """
+
+    native: NativeProblem
+    inputs: list[NDArray[Any]]
+    solved: _Solved
+
+    @classmethod
+    def of(cls, problem: Problem, settings: Settings) -> Prepared:
+        """Prepare a problem for a run with these resolved settings."""
+        solved = _Solved.of(problem, settings)
+        inputs = [
+            np.ascontiguousarray(problem.domain),
+            np.ascontiguousarray(problem.triangles, dtype=np.int64),
+            np.ascontiguousarray(problem.signals),
+            np.ascontiguousarray(problem.corners, dtype=np.int64),
+            np.ascontiguousarray(problem.shares),
+            np.ascontiguousarray(problem.values),
+            np.ascontiguousarray(problem.weights),
+        ]
+        native = NativeProblem(
+            len(problem.domain),
+            len(problem.triangles),
+            len(problem.values),
+            problem.signals.shape[1],
+            problem.degree,
+            solved.support.shape[1],
+            problem.warm is not None,
+            problem.noise,
+            *(None if array is None else array.ctypes.data for array in (*inputs, *vars(solved).values())),
         )
-    if status != DONE:
-        raise ValueError(f"The arrays of a patch contradict each other (status {status} of the compiled kernel).")
-    each = len(solved) // len(task.patches)
-    return [_patch_fit(task.problems[k], solved[k : k + each]) for k in range(0, len(solved), each)]
+        return cls(native, inputs, solved)
 
 
-def _contiguous(problem: Problem) -> list[NDArray[np.generic]]:
-    return [
-        np.ascontiguousarray(problem.domain),
-        np.ascontiguousarray(problem.triangles, dtype=np.int64),
-        np.ascontiguousarray(problem.signals),
-        np.ascontiguousarray(problem.corners, dtype=np.int64),
-        np.ascontiguousarray(problem.shares),
-        np.ascontiguousarray(problem.values),
-        np.ascontiguousarray(problem.weights),
-    ]
-
-
-def _native(problem: Problem, arrays: list[NDArray[np.generic]], own: _Solved) -> NativeProblem:
-    results = (own.frame, own.start, own.solved, own.support, own.coefficients, own.fitted, own.energy,
-               own.squared_error, own.history)
-    return NativeProblem(
-        len(problem.domain),
-        len(problem.triangles),
-        len(problem.values),
-        problem.signals.shape[1],
-        problem.degree,
-        own.support.shape[1],
-        problem.warm is not None,
-        problem.noise,
-        *(None if array is None else array.ctypes.data for array in (*arrays, *results)),
-    )
-
-
-def _patch_fit(first: Problem, solved: list[_Solved]) -> PatchFit:
-    """One patch's problems together."""
+def _patch_fit(solved: list[_Solved]) -> PatchFit:
+    """The solved problems of one patch together."""
     signals = len(solved[0].support)
     histories = [own.history for own in solved if own.history is not None]
     return PatchFit(
@@ -155,15 +179,7 @@ def _patch_fit(first: Problem, solved: list[_Solved]) -> PatchFit:
         np.concatenate([own.support for own in solved]),
         np.concatenate([own.coefficients for own in solved]),
         np.concatenate([own.fitted for own in solved], axis=1),
-        sum_of([own.energy for own in solved]) if first.warm is None else np.zeros(0),
-        sum_of([own.squared_error for own in solved]) if first.warm is None else np.zeros(0),
+        np.array([own.energy for own in solved]).sum(axis=0),
+        np.array([own.squared_error for own in solved]).sum(axis=0),
         np.concatenate(histories, axis=2) if histories else None,
     )
-
-
-def sum_of(arrays: list[Array]) -> Array:
-    """Sum of arrays, in their order."""
-    total = arrays[0].copy()
-    for array in arrays[1:]:
-        total += array
-    return total

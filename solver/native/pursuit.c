@@ -66,7 +66,7 @@ static int select_greedily(const Normal *normal, int s, bool ols, double worth, 
         remaining[j] = normal->gram[(size_t)j * (stride + 1)];
     }
     double negligible = NEGLIGIBLE_NORM * largest(remaining, size);
-    for (int j = 0; j < size; j++) smallest[j] = INDEPENDENT * fmax(remaining[j], negligible);
+    for (int j = 0; j < size; j++) smallest[j] = INDEPENDENT * larger(remaining[j], negligible);
     for (; found < s; found++) {
         for (int j = 0; j < size; j++) {
             double scale = ols ? remaining[j] : normal->gram[(size_t)j * (stride + 1)];
@@ -153,7 +153,7 @@ static void replace_cyclically(const Normal *normal, Choice *choice, int s, int3
     double *smallest = choice->greedy, *gain = smallest + normal->stride;
     for (int j = 0; j < normal->size; j++) smallest[j] = normal->gram[(size_t)j * (normal->stride + 1)];
     double negligible = NEGLIGIBLE_NORM * largest(smallest, normal->size);
-    for (int j = 0; j < normal->size; j++) smallest[j] = INDEPENDENT * fmax(smallest[j], negligible);
+    for (int j = 0; j < normal->size; j++) smallest[j] = INDEPENDENT * larger(smallest[j], negligible);
     selection->support = support;
     regress(normal, selection, s, choice->small);
     for (int position = 0; position < s; position++) {

@@ -150,11 +150,11 @@ static void invert_gram(double *gram, double *norm, int s, int width, double *in
     double longest = 0.0;
     for (int k = 0; k < s; k++) {
         norm[k] = sqrt(gram[k * width + k]);
-        longest = fmax(longest, norm[k]);
+        longest = larger(longest, norm[k]);
     }
     for (int k = 0; k < s; k++) {
         /* What a function has left after weights changed may be nothing: it must not get a huge coefficient for that. */
-        norm[k] = fmax(norm[k], NEGLIGIBLE * longest);
+        norm[k] = larger(norm[k], NEGLIGIBLE * longest);
         norm[k] = norm[k] > 0.0 ? norm[k] : 1.0;
     }
     for (int i = 0; i < s; i++) {
@@ -170,11 +170,16 @@ static void invert_gram(double *gram, double *norm, int s, int width, double *in
 }
 
 /* Sums (s) of the functions of one signal times `values` (N). */
-static void correlate(const double *restrict functions, const double *restrict values, int count, int columns,
-                      int width, double *restrict sums) {
-    memset(sums, 0, sizeof(double) * (size_t)width);
-    for (int n = 0; n < count; n++)
-        for (int k = 0; k < width; k++) sums[k] += values[n] * functions[(size_t)n * columns + k];
+static void correlate(const double *functions, const double *values, int count, int columns, int width, double *sums) {
+    for (int k = 0; k < width; k += LANES) {
+        Lanes sum = {0.0}, other = {0.0};
+        const double *row = functions + k;
+        for (int n = 0; n < count; n += 2, row += 2 * columns) {
+            sum += values[n] * *(const Lanes *)row;
+            other += values[n + 1] * *(const Lanes *)(row + columns);
+        }
+        *(Lanes *)(sums + k) = sum + other;
+    }
 }
 
 /* Coefficients (s) that belong to sums of functions times values: L^-T L^-1. */

@@ -113,7 +113,7 @@ static double step(const Placed *placed, State *state, Weights weights) {
     gauss_newton_move(placed, state, weights.beta1, weights.beta2, state->tried);
     jacobian_of(placed, state->tried, state->change);
     double limit = largest_step(state->jacobian, state->change, placed->triangle_count, DETERMINANT_FLOOR);
-    bool near = try_move(placed, state, fmin(1.0, STEP_SHARE * limit));
+    bool near = try_move(placed, state, smaller(1.0, STEP_SHARE * limit));
     double after = INFINITY;
     if (near) {
         memcpy(state->other.support, state->fit.support,
@@ -127,7 +127,7 @@ static double step(const Placed *placed, State *state, Weights weights) {
         state->damping *= DAMPING_DOWN;
     } else {
         after = before;
-        state->damping = fmax(state->damping, LEAST_DAMPING) * DAMPING_UP;
+        state->damping = larger(state->damping, LEAST_DAMPING) * DAMPING_UP;
     }
     state->settled = !(after < (1.0 - SETTLED) * before);
     return after;

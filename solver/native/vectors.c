@@ -30,6 +30,11 @@ static double sum_of(Lanes lanes) {
     return sum;
 }
 
+/* Unlike fmax and fmin these are no calls: they need not look for what is no number. */
+static double larger(double a, double b) { return a > b ? a : b; }
+
+static double smaller(double a, double b) { return a < b ? a : b; }
+
 static double dot(const double *restrict a, const double *restrict b, int count) {
     double sum = 0.0;
     for (int k = 0; k < count; k++) sum += a[k] * b[k];
@@ -44,7 +49,7 @@ static float dot_single(const float *restrict a, const float *restrict b, int co
 
 static double largest(const double *values, int count) {
     double most = 0.0;
-    for (int k = 0; k < count; k++) most = values[k] > most ? values[k] : most;
+    for (int k = 0; k < count; k++) most = larger(most, values[k]);
     return most;
 }
 
