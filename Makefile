@@ -18,7 +18,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv demo test test-solver test-tools test-blender test-long test-matrix test-window lint-venv lint format build bench \
+.PHONY: help venv demo test test-solver test-tools test-blender test-long test-matrix test-window lint-venv lint format build bench pages \
 	figures clean
 
 help: ## list the targets
@@ -68,8 +68,12 @@ format: lint-venv ## format the code
 build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..." for some of them)
 	@$(PY) scripts/build_extension.py $(PLATFORMS)
 
-bench: venv ## measure speed and accuracy into docs/performance.md and docs/accuracy.md (BENCH="--largest 100000")
-	@$(PY) -m sparse_surface benchmark --docs docs $(BENCH)
+bench: venv ## measure speed and accuracy into docs/measured.json and the pages (BENCH="--only stages sizes")
+	@$(PY) -m sparse_surface benchmark --keep $(BENCH)
+	@$(PY) scripts/fill_pages.py
+
+pages: venv ## fill the marked places of README.md and docs/: measured figures, tables of settings
+	@$(PY) scripts/fill_pages.py
 
 figures: venv ## make the pictures of docs/ and docs/paper.md anew (FIGURES="fig9 heat_map" for some of them)
 	@$(PY) scripts/figures.py $(FIGURES)

@@ -1,4 +1,4 @@
-"""How close the surfaces come, and what each ingredient gives: `docs/accuracy.md`."""
+"""How close the surfaces come, and what each ingredient gives."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .cases import Case, Measured, measure
-from .tables import table
+from .tables import Table
 
 VARIABLE_PROJECTION = "fitting.methods.variable_projection"
 
@@ -33,6 +33,7 @@ INGREDIENTS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
     ("patches fitted with uniform weights", {}, {"patches.blending.PLATEAU": 1e6}),
     ("uniform blending", {"blending": "uniform"}, {}),
     ("rings not adapted", {"adaptive": False}, {}),
+    ("automatic sparsity", {"automatic_sparsity": True}, {}),
     ("a domain for each coordinate", {"domains": "separate"}, {}),
     ("the paper's method", {"method": "paper", "sweeps": 2}, {}),
     ("the traditional sparse fit", {"method": "traditional"}, {}),
@@ -40,37 +41,36 @@ INGREDIENTS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
 """What is changed: a name, settings, and constants of the solver."""
 
 ERRORS = ("vertex_rms", "vertex_max", "surface_rms", "surface_max")
-HEAD = ["", "vertex rms", "vertex max", "surface rms", "surface max", "normals, degrees", "flips", "seam", "units"]
+HEAD = ["vertex rms", "vertex max", "surface rms", "surface max", "normals, degrees", "flips", "seam", "units"]
 
 
-def run(cases: Sequence[Case], ablated: Sequence[Case], say: Callable[[str], None]) -> tuple[str, dict[str, Any]]:
-    """Measure; returns the document and everything as plain values.
+PRESETS: dict[str, dict[str, Any]] = {"default": {}, "precise": {"domains": "separate"}}
 
-    Parameters
-    ----------
-    cases
-        Models for the table.
-    ablated
-        Models for the ablation.
-    say
-        Told what begins.
-    """
-    presets: dict[str, dict[str, Any]] = {"default": {}, "precise": {"domains": "separate"}}
-    tables: dict[str, list[Measured]] = {}
-    for name, settings in presets.items():
+
+def presets(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
+    """Measure two presets; returns a table each, and everything as plain values."""
+    runs: dict[str, list[Measured]] = {}
+    for name, settings in PRESETS.items():
         for case in cases:
             say(f"{case.model}, {name}")
-            tables.setdefault(name, []).append(_measure(case, settings, {}))
-    ablation: dict[str, list[tuple[str, Measured]]] = {}
-    for case in ablated:
+            runs.setdefault(name, []).append(_measure(case, settings, {}))
+    tables = {name: Table.of(["model", *HEAD], [[m.model, *_figures(m)] for m in runs[name]]) for name in runs}
+    return tables, {name: [each.as_dict() for each in found] for name, found in runs.items()}
+
+
+def ablation(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
+    """Measure the default with one thing changed; returns a table for each model, and everything as plain values."""
+    tables, values = {}, {}
+    for case in cases:
+        runs = {}
         for name, settings, constants in INGREDIENTS:
             say(f"{case.model}, {name}")
-            ablation.setdefault(case.model, []).append((name, _measure(case, settings, constants)))
-    values = {
-        "models": {name: [each.as_dict() for each in runs] for name, runs in tables.items()},
-        "ablation": {model: {name: run.as_dict() for name, run in runs} for model, runs in ablation.items()},
-    }
-    return document(tables, ablation), values
+            runs[name] = _measure(case, settings, constants)
+        tables[f"ablation, {case.model}"] = Table.of(
+            ["changed", *HEAD], [[name, *_figures(run)] for name, run in runs.items()]
+        )
+        values[case.model] = {name: run.as_dict() for name, run in runs.items()}
+    return tables, values
 
 
 def _measure(case: Case, settings: dict[str, Any], constants: dict[str, Any]) -> Measured:
@@ -78,27 +78,8 @@ def _measure(case: Case, settings: dict[str, Any], constants: dict[str, Any]) ->
     return measure(Case(case.model, changed, case.arrays, case.size, constants))
 
 
-def document(tables: dict[str, list[Measured]], ablation: dict[str, list[tuple[str, Measured]]]) -> str:
-    """The text of `docs/accuracy.md`."""
-    text = """# Accuracy
-
-Written by `make bench`.  Errors are divided by the longest side of the bounding box.  *Vertex error* is the distance of
-the surface from the input's vertices; *surface error* is measured at six points inside every triangle, where nothing
-was fitted, and is the one that counts.  15 of 120 functions a coordinate; units as in [performance](performance.md).
-
-"""
-    for name, runs in tables.items():
-        rows = [[each.model, *_figures(each)] for each in runs]
-        text += f"## Preset `{name}`\n\n{table(['model', *HEAD[1:]], rows)}\n"
-    if ablation:
-        text += "## What each ingredient gives\n\nThe default with one thing changed.\n\n"
-    for model, named in ablation.items():
-        text += f"### {model}\n\n{table(['changed', *HEAD[1:]], [[name, *_figures(each)] for name, each in named])}\n"
-    return text
-
-
 def _figures(run: Measured) -> list[object]:
     report, size = run.report, run.report["input"]["bounding_box_longest_side"]
     errors = [f"{report['relative'][name]:.2e}" for name in ERRORS]
     normals, seam = report["normal_error_degrees"], report["seam_max"] / size
-    return [*errors, f"{normals:.1f}", report["flipped_triangles"], f"{seam:.0e}", f"{run.units('total'):.0f}"]
+    return [*errors, f"{normals:.1f}", report["flipped_triangles"], f"{seam:.0e}", run.units("total")]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from ..solver import Settings, approximate
 from ..solver.processes.memory import peak_memory_mb
 from ..solver.processes.pool import WorkerExecutor
 from . import generated_models as models
+
+T = TypeVar("T")
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "total")
 
@@ -68,9 +71,13 @@ class Measured:
     base_memory_mb: float
     set_up: float = 0.0
 
+    def seconds(self, stage: str) -> float:
+        """Time of a stage: processor time with one worker, time on the clock with more."""
+        return float(self.report["seconds"][stage])
+
     def units(self, stage: str) -> float:
         """Time of a stage in units."""
-        return float(self.report["seconds"][stage]) / self.unit
+        return self.seconds(stage) / self.unit
 
     @property
     def memory_mb(self) -> float:
@@ -89,14 +96,15 @@ class Measured:
         }
 
 
-def unit_seconds(repeats: int = 9) -> float:
+def unit_seconds(repeats: int = 9, clock: Callable[[], float] | None = None) -> float:
     """Seconds that one unit takes now, in this process: the median of a few."""
+    clock = clock or time.perf_counter
     matrix = np.random.default_rng(0).random((1000, 1000))
     times = []
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = clock()
         matrix @ matrix
-        times.append(time.perf_counter() - start)
+        times.append(clock() - start)
     return float(np.median(times))
 
 
@@ -106,7 +114,21 @@ def measure(case: Case) -> Measured:
     with WorkerExecutor(1, preload="approximation.approximate") as process:
         process.submit(int).result()  # answered once the solver is loaded
         set_up = time.perf_counter() - start
-        return replace(process.submit(run_case, case).result(), set_up=set_up)
+        # With more workers the clock counts.
+        run = partial(_by_processor_time, run_case) if case.settings.get("workers") == 1 else run_case
+        return replace(process.submit(run, case).result(), set_up=set_up)
+
+
+def alone(function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function in a process of its own, timed by the processor: other programs do not count."""
+    with WorkerExecutor(1) as process:
+        return process.submit(_by_processor_time, function, *arguments).result()
+
+
+def _by_processor_time(function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function in a process that ends with it and has no workers."""
+    time.perf_counter = time.process_time
+    return function(*arguments)
 
 
 def run_case(case: Case) -> Measured:

@@ -1,19 +1,20 @@
-"""The command `benchmark`: chooses models, measures, writes tables and figures."""
+"""The command `benchmark`: chooses models, measures, and writes down what was measured."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..solver.errors import InputError
-from . import accuracy, denoising, evaluation, performance
+from . import accuracy, denoising, evaluation, measured, performance
 from . import generated_models as models
 from .cases import Case
+from .tables import Table
 
 PAPERS = ("cube", "cubetorus", "cylinder", "flower")
 DOWNLOADED = {"fandisk": "fandisk.obj", "bunny": "stanford-bunny.ply", "rocker-arm": "rocker-arm.obj"}
@@ -21,14 +22,41 @@ ALL = (*PAPERS, *DOWNLOADED)
 TIMED = ("cube", "fandisk", "bunny")
 ABLATED = ("cube", "fandisk")
 
+Say = Callable[[str], None]
+Result = tuple[dict[str, Table], Any]
+
+
+def _write_back(cases: Sequence[Case], say: Say) -> Result:
+    try:
+        from . import write_back
+    except ImportError:
+        say("without bpy nothing is written back")
+        return {}, None
+    return write_back.run(cases, say)
+
+
+PARTS: dict[str, tuple[Sequence[str], Callable[[Sequence[Case], Say], Result]]] = {
+    "stages": (TIMED, performance.stages),
+    "libraries": (TIMED, performance.libraries),
+    "write-back": (TIMED, _write_back),
+    "presets": (ALL, accuracy.presets),
+    "ablation": (ABLATED, accuracy.ablation),
+    "representation": (evaluation.MODELS, evaluation.run),
+    "denoising": (ALL, denoising.run),
+}
+"""Parts of the benchmark: models that each takes, unless some are named, and what measures them."""
+
+OTHER_PARTS = ("sizes", "clouds")
+
 
 def benchmark(
     names: Sequence[str] | None,
     json_path: Path | None,
-    docs: Path | None,
     largest: int,
     folder: Path,
     parts: Sequence[str],
+    *,
+    keep: bool,
 ) -> None:
     """Measure and print the tables.
 
@@ -37,61 +65,56 @@ def benchmark(
     names
         Models: names of generated ones, `fandisk`, `bunny`, `rocker-arm`, or files that Blender reads; all where None.
     json_path
-        Where to write all figures as JSON.
-    docs
-        Folder in which `performance.md` and `accuracy.md` are written.
+        Where to write everything that was measured, as JSON.
     largest
         Vertices of the largest terrain.
     folder
         Where the downloaded models are; those that are not there are left out.
     parts
-        "performance", "accuracy" or both.
+        What to measure: keys of `PARTS`, and of `OTHER_PARTS` where no models are named.
+    keep
+        Whether to keep the tables in `docs/measured.json`, from which pages take their figures.
 
     Raises
     ------
     InputError
-        When a model that is asked for is not there.
+        When a model that is asked for is not there, or one that a table to be kept needs.
     """
-    cases = _cases(names, folder)
-    figures: dict[str, Any] = {}
-    chosen = set(names or ())
+    cases = _cases(names, folder, all_of_them=names is not None or keep)
+    values: dict[str, Any] = {}
     for part in parts:
-        if part == "performance":
-            sizes = [size for size in performance.SIZES if size <= largest] if names is None else []
-            timed = [case for case in cases if names is not None or case.model in TIMED]
-            text, figures[part] = performance.run(timed, sizes, _say, _write_back())
+        if part in PARTS:
+            wanted, run = PARTS[part]
+            found = run([case for case in cases if names is not None or case.model in wanted], _say)
+        elif names is not None:
+            continue
+        elif part == "sizes":
+            found = performance.sizes([size for size in performance.SIZES if size <= largest], _say)
         else:
-            ablated = [case for case in cases if case.model in ABLATED and (names is None or case.model in chosen)]
-            text, figures[part] = accuracy.run(cases, ablated, _say)
-            for section in (evaluation, denoising):
-                more, figures[section.__name__.rpartition(".")[2]] = section.run(cases, _say)
-                text += more
-        print(text)
-        if docs is not None:
-            _write(docs / f"{part}.md", text.rstrip() + "\n")
+            from . import point_clouds
+
+            found = point_clouds.run(list(point_clouds.CASES), _say)
+        tables, values[part] = found
+        for name, table in tables.items():
+            print(f"{name}\n\n{table.markdown()}", flush=True)
+        if keep:
+            measured.add(tables)
         if json_path is not None:
-            _write(json_path, json.dumps(figures, indent=2) + "\n")
+            measured.write(json_path, json.dumps(values, indent=2) + "\n")
 
 
 def _say(text: str) -> None:
     print(f"benchmark: {text} ...", file=sys.stderr, flush=True)
 
 
-def _write(path: Path, text: str) -> None:
-    """Write beside and rename into place."""
-    draft = path.with_name(path.name + ".part")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
-
-
-def _cases(names: Sequence[str] | None, folder: Path) -> list[Case]:
+def _cases(names: Sequence[str] | None, folder: Path, *, all_of_them: bool) -> list[Case]:
     cases = []
     for name in names or ALL:
         path = folder / DOWNLOADED[name] if name in DOWNLOADED else Path(name)
         if path.is_file():
             cases.append(Case(name if name in DOWNLOADED else path.stem, arrays=_read(path)))
-        elif name in DOWNLOADED or not callable(getattr(models, name, None)) or name.startswith("_"):
-            if names is not None:
+        elif name in DOWNLOADED or getattr(vars(models).get(name), "__module__", "") != models.__name__:
+            if all_of_them:
                 raise InputError(f"There is no model {name!r}.")
             _say(f"{path} is not there, {name} is left out")
         else:
@@ -106,21 +129,10 @@ def _read(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     except ImportError as error:
         raise InputError(f"Reading '{path}' takes Blender's Python module, bpy.") from error
     from ..operators.data import meshes as mesh_data
-    from ..operators.files import formats as files
+    from ..operators.files.meshes import read_meshes
 
-    mesh = files.read_meshes(path)[0].data
+    mesh = read_meshes(path)[0].data
     corners, sizes = mesh_data.read_polygons(mesh)
     if not (sizes == 3).all():
         raise InputError(f"'{path}' is no triangle mesh.")
     return mesh_data.read_positions(mesh), corners.reshape(-1, 3)
-
-
-def _write_back() -> Any:
-    """What measures the making of a Blender mesh; None where there is no Blender."""
-    try:
-        import bpy  # noqa: F401
-    except ImportError:
-        return None
-    from .write_back import seconds
-
-    return seconds

@@ -1,4 +1,4 @@
-"""How close denoising comes to the clean mesh: a section of `docs/accuracy.md`."""
+"""How close denoising comes to the clean mesh."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solver import Settings, approximate
-from ..solver.denoising import denoise
+from ..solver.denoising.denoise import denoise
 from ..solver.mesh.triangulation import triangulate
-from ..solver.processes.pool import WorkerExecutor
 from ..solver.surface.metrics import normal_error
-from .bilateral import ITERATIONS, WIDTHS, filtered
-from .cases import Case, generated, unit_seconds
-from .tables import table
+from .bilateral import filtered
+from .cases import Case, alone, generated, unit_seconds
+from .tables import Table
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,10 +30,6 @@ ISOTROPIC = {"fandisk": (0.003,)}
 CLEAN = ("fandisk", "bunny", "cube", "sphere")
 SEEDS = (1001, 1002, 1003)
 """No constant of the solver was chosen on these."""
-
-ELSEWHERE = """Measured once with other programs, fandisk with noise of 0.3 % along the normals, three seeds: a tuned
-bilateral normal filter 1.40e-3 to 1.6e-3 and 2.2 to 2.6 degrees, MeshLab's two-step smoothing, tuned, 2.47e-3 and 4.0.
-"""
 
 
 @dataclass(frozen=True)
@@ -83,26 +78,24 @@ class DenoisedCase:
     units: float
 
 
-def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[str, dict[str, Any]]:
-    """Measure what is known of these models; returns a section of the document and everything as plain values."""
+def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
+    """Measure what is known of these models; returns two tables, and everything as plain values."""
     results: list[DenoisedCase] = []
     for noisy in noisy_cases(cases):
         say(f"{noisy.case.model}, noise {noisy.share:.1%}{', all directions' * noisy.isotropic}")
-        with WorkerExecutor(1) as process:
-            results.append(process.submit(measure_noisy, noisy).result())
+        results.append(alone(measure_noisy, noisy))
     clean: dict[str, tuple[bool, float]] = {}
     chosen = [case for case in cases if case.model in CLEAN]
     if any(case.model == "cube" for case in chosen) and all(case.model != "sphere" for case in chosen):
         chosen.append(Case("sphere"))
     for case in chosen:
         say(f"{case.model}, without noise")
-        with WorkerExecutor(1) as process:
-            clean[case.model] = process.submit(measure_clean, case).result()
+        clean[case.model] = alone(measure_clean, case)
     values = {
         "noisy": [asdict(each) for each in results],
         "clean": {model: {"unchanged": same, "units": units} for model, (same, units) in clean.items()},
     }
-    return document(results, clean), values
+    return tables(results, clean), values
 
 
 def noisy_cases(cases: Sequence[Case]) -> list[NoisyCase]:
@@ -174,48 +167,24 @@ def closeness(clean: Array, triangles: Indices, vertices: NDArray[Any]) -> Close
     return Closeness(rms, normal_error(clean, points, triangles))
 
 
-def document(results: Sequence[DenoisedCase], clean: dict[str, tuple[bool, float]]) -> str:
-    """The section on denoising; empty where nothing was measured."""
-    if not results and not clean:
-        return ""
-    head = [
-        "model",
-        "noise",
-        "noisy",
-        "denoised",
-        "worst seed",
-        "bilateral filter",
-        "then fitted",
-        "level found",
-        "units",
-    ]
+def tables(results: Sequence[DenoisedCase], clean: dict[str, tuple[bool, float]]) -> dict[str, Table]:
+    """Return what was measured: models with noise, and models without."""
+    head = ["model", "noise", "noisy", "denoised", "worst seed", "bilateral filter", "then fitted", "level found"]
     rows = [
         [
             each.model,
             f"{each.share:.1%}" + (", all directions" if each.isotropic else ""),
             *(_figures(found) for found in (each.noisy, each.denoised, each.worst, each.peer, each.fitted)),
             "" if each.isotropic else f"{each.level:.0%}",
-            f"{each.units:.0f}",
+            each.units,
         ]
         for each in results
     ]
-    text = f"""## Denoising
-
-Preset `denoise`.  Gaussian noise along the vertex normals, its deviation in shares of the bounding box's diagonal; "all
-directions" is isotropic noise, given by the root mean square of its length.  Two figures each: rms distance of the
-vertices from the clean ones over the longest side, and mean angle between the face normals in degrees; means over
-{len(SEEDS)} seeds on which nothing was tuned.  *Bilateral filter*: the best that a bilateral normal filter reaches
-with any of {len(WIDTHS)} widths and {len(ITERATIONS)} numbers of iterations, chosen on the clean mesh
-(`benchmarks/bilateral.py`).  *Then fitted*: with `--denoise first`.  What isotropic noise moves within the surface,
-82 % of its length, stays: nothing in a mesh tells it.
-
-{table(head, rows)}
-{ELSEWHERE}
-"""
-    if clean:
-        rows_clean = [[model, "unchanged" if same else "changed", units] for model, (same, units) in clean.items()]
-        text += f"Without noise:\n\n{table(['model', 'comes back', 'units'], rows_clean)}\n"
-    return text
+    unharmed = [[model, "unchanged" if same else "changed", units] for model, (same, units) in clean.items()]
+    return {
+        "denoising": Table.of([*head, "units"], rows),
+        "denoising, clean": Table.of(["model", "comes back", "units"], unharmed),
+    }
 
 
 def _figures(found: Closeness) -> str:

@@ -1,4 +1,4 @@
-"""The representation as something to keep: its size, how fast and how smoothly it evaluates; for `docs/accuracy.md`."""
+"""The representation as something to keep: its size, how fast and how smoothly it evaluates."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..solver import Settings, approximate
-from ..solver.processes.pool import WorkerExecutor
-from ..solver.surface.files import from_bytes
-from .cases import Case, generated, unit_seconds
-from .smoothness import CREASE_ANGLE, bends
-from .tables import table
+from ..solver.surface.representation import Representation
+from .cases import Case, alone, generated, unit_seconds
+from .smoothness import bends
+from .tables import Table
 
 MODELS = ("cube", "fandisk", "bunny")
 POINTS = 1_000_000
@@ -46,22 +45,21 @@ class Evaluated:
     angles: dict[str, dict[str, list[float]]]
 
 
-def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[str, dict[str, Any]]:
-    """Measure; returns a section of the document and everything as plain values."""
+def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
+    """Measure; returns two tables, and everything as plain values."""
     results: list[Evaluated] = []
     for case in cases:
         if case.model in MODELS:
             say(f"{case.model}, evaluating a million points")
-            with WorkerExecutor(1) as process:
-                results.append(process.submit(evaluate, case).result())
-    return document(results), {"models": [asdict(each) for each in results]}
+            results.append(alone(evaluate, case))
+    return tables(results), [asdict(each) for each in results]
 
 
 def evaluate(case: Case, points: int = POINTS) -> Evaluated:
     """Approximate a model and measure its representation; meant to run in a process of its own."""
     vertices, faces = case.arrays if case.arrays is not None else generated(case.model, case.size)
     surface = approximate(vertices, faces, Settings(**{**case.settings, "workers": 1})).representation
-    loaded = from_bytes(surface.stored)
+    loaded = Representation.from_bytes(surface.stored)
     rng = np.random.default_rng(0)
     face, inside = rng.integers(0, len(surface.triangles), points), rng.dirichlet([1.0, 1.0, 1.0], points)
     surface.evaluate(face[:10], inside[:10])  # what is prepared once
@@ -84,10 +82,8 @@ def evaluate(case: Case, points: int = POINTS) -> Evaluated:
     )
 
 
-def document(results: Sequence[Evaluated]) -> str:
-    """The section on representations; empty where nothing was measured."""
-    if not results:
-        return ""
+def tables(results: Sequence[Evaluated]) -> dict[str, Table]:
+    """Return what was measured: sizes and speeds, and by how much the surfaces bend."""
     head = ["model", "patches", "file, MB", "points, units", "normals, units", "changed by saving"]
     rows = [
         [each.model, each.patches, each.file_bytes / 1e6, each.point_units, each.normal_units, f"{each.change:.0e}"]
@@ -100,15 +96,4 @@ def document(results: Sequence[Evaluated]) -> str:
                 bent.append([each.model, kind, *(f"{angle:.2f}" for angle in (*angles["surface"], *angles["mesh"]))])
     names = ["median", "90 %", "99 %", "largest"]
     head_bent = ["model", "edges", *names, *(f"mesh, {name}" for name in names)]
-    return f"""## The representation
-
-The default's representation: evaluating a million random points, and their normals, on one core; the largest change of
-a point by saving and loading, in longest sides.
-
-{table(head, rows)}
-By how many degrees the surface bends at the edges of the mesh (the angle between its normals on both sides), where the
-rim of a patch runs along the edge and elsewhere, beside the angle between the two triangles themselves.  *Creases* are
-edges where these make {CREASE_ANGLE:.0f} degrees and more; on the bunny that is fur.
-
-{table(head_bent, bent)}
-"""
+    return {"representation": Table.of(head, rows), "bends": Table.of(head_bent, bent)}

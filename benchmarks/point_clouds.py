@@ -1,37 +1,27 @@
-"""Accuracy and speed of reconstruction on clouds whose true surface is known.
-
-python -m sparse_surface.benchmarks.point_clouds                         print the table
-python -m sparse_surface.benchmarks.point_clouds --docs docs             and write it into docs/point-clouds.md
-python -m sparse_surface.benchmarks.point_clouds --cases ball box        only some
-
-Set OPENBLAS_NUM_THREADS=1 for figures of one core.
-"""
+"""Accuracy and speed of reconstruction on clouds whose true surface is known."""
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver.mesh.projection import closest_points
-from ..solver.reconstruction.oscillation import triangle_grid
+from ..solver.mesh.closest_points import closest_points
+from ..solver.mesh.sampling import triangle_grid
 from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings
+from .cases import unit_seconds
 from .generated_clouds import Cloud, airplane, ball, box, head, l_solid
-from .tables import table
+from .tables import Table
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 SPLITS = 8
-START, END = "<!-- measured: start -->\n", "<!-- measured: end -->\n"
 
 
 @dataclass(frozen=True)
@@ -118,7 +108,7 @@ def measure(case: CloudCase) -> MeasuredCloud:
 
         made = make_base(cloud.points)
         vertices, faces = made.vertices, made.triangles
-    unit = unit_seconds()
+    unit = unit_seconds(5, time.process_time)
     start = time.process_time()
     result = reconstruct(cloud.points, vertices, faces, Settings(workers=1))
     seconds = time.process_time() - start
@@ -136,7 +126,7 @@ def measure(case: CloudCase) -> MeasuredCloud:
         fit=(relative["surface_rms"], relative["surface_max"]),
         flips=result.report["flipped_triangles"],
         seconds=seconds,
-        unit=0.5 * (unit + unit_seconds()),
+        unit=0.5 * (unit + unit_seconds(5, time.process_time)),
     )
 
 
@@ -155,17 +145,6 @@ def evaluated(result: Reconstruction, splits: int = SPLITS) -> tuple[Array, Indi
     return points, (small[None] + len(grid) * np.arange(count)[:, None, None]).reshape(-1, 3)
 
 
-def unit_seconds(repeats: int = 5) -> float:
-    """Processor time of one product of 1000 x 1000 matrices: the median of a few."""
-    matrix = np.random.default_rng(0).random((1000, 1000))
-    times = []
-    for _ in range(repeats):
-        start = time.process_time()
-        matrix @ matrix
-        times.append(time.process_time() - start)
-    return float(np.median(times))
-
-
 def _areas(points: Array, triangles: Indices) -> Array:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
@@ -178,29 +157,10 @@ def _edges(cloud: Cloud, points: Array, triangles: Indices) -> float | None:
     return float(np.linalg.norm(feet.on(points, triangles) - cloud.creases, axis=1).mean())
 
 
-def write(path: Path, text: str) -> None:
-    """Put the table between the document's marks."""
-    before, rest = path.read_text(encoding="utf-8").split(START)
-    after = rest.split(END)[1]
-    draft = path.with_suffix(".draft")
-    draft.write_text(before + START + text + END + after, encoding="utf-8")
-    os.replace(draft, path)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES), metavar="CASE")
-    parser.add_argument("--docs", type=Path, metavar="FOLDER", help="folder of point-clouds.md")
-    options = parser.parse_args(arguments)
-    rows = []
-    for name in options.cases:
-        rows.append(measure(CASES[name]).row())
-        print(table(HEAD, rows[-1:]).splitlines()[-1], flush=True)
-    if options.docs is not None:
-        write(options.docs / "point-clouds.md", table(HEAD, rows))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def run(names: Sequence[str], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
+    """Measure these clouds; returns a table, and everything as plain values."""
+    found = []
+    for name in names:
+        say(CASES[name].title)
+        found.append(measure(CASES[name]))
+    return {"clouds": Table.of(HEAD, [each.row() for each in found])}, [asdict(each) for each in found]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import bpy
 import numpy as np
@@ -10,7 +12,8 @@ import numpy as np
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
 from ..solver import Settings, approximate
-from .cases import Case, generated
+from .cases import Case, generated, unit_seconds
+from .tables import Table
 
 
 def seconds(case: Case, repeats: int) -> float:
@@ -31,3 +34,13 @@ def seconds(case: Case, repeats: int) -> float:
         times.append(time.perf_counter() - start)
         bpy.data.meshes.remove(made.data)
     return float(np.median(times))
+
+
+def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
+    """Measure each model; returns a table, and everything as plain values."""
+    units = {}
+    for case in cases:
+        say(f"{case.model}, write-back")
+        unit = unit_seconds()
+        units[case.model] = 2.0 * seconds(case, 5) / (unit + unit_seconds())
+    return {"write-back": Table.of(["model", "units"], units.items())}, units

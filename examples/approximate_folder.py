@@ -18,8 +18,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import extension
 
-KINDS = {".obj", ".ply", ".stl", ".blend", ".glb", ".gltf", ".usd", ".abc"}
-
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Approximate every mesh file of a folder.")
@@ -27,9 +25,11 @@ def main() -> int:
     parser.add_argument("results", type=Path, help="folder for the results, made where it is missing")
     parser.add_argument("--part", default="1/1", metavar="I/N", help="the I-th of N shares of the files")
     options, settings = parser.parse_known_args(extension.arguments())
-    command_line = importlib.import_module(extension.package().__name__ + ".command_line.main")
+    package = extension.package().__name__
+    command_line = importlib.import_module(f"{package}.command_line.main")
+    formats = importlib.import_module(f"{package}.operators.files.formats")
     number, parts = (int(text) for text in options.part.split("/"))
-    files = sorted(file for file in options.models.iterdir() if file.suffix.lower() in KINDS)
+    files = sorted(file for file in options.models.iterdir() if file.suffix.lower() in formats.READABLE)
     options.results.mkdir(parents=True, exist_ok=True)
     refused = []
     own = files[number - 1 :: parts]

@@ -15,7 +15,7 @@ from .run.operator import Solved, Solving, Task, refusal, scene_settings
 from .run.requirements import missing_packages
 
 if TYPE_CHECKING:
-    from ..solver.cloud_settings import CloudSettings
+    from ..solver.settings import CloudSettings
     from .data.points import CloudSource
 
 
@@ -108,7 +108,7 @@ def read_cloud(
     SparseSurfaceError
         When there are too few points, or no base can be made of them.
     """
-    from ..solver.reconstruction.evaluated import CloudArrays
+    from ..solver.interchange import CloudArrays
     from ..solver.reconstruction.reconstruct import checked_points
     from .data import points as cloud_data
     from .data.base_mesh import make_base

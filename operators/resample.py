@@ -10,6 +10,7 @@ from bpy.props import IntProperty
 from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
+from ..solver.settings import MOST_SPLITS
 from .data.result_keys import SCALE, SPLITS, cut_name, has_representation
 from .run import control as running
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
     from ..solver.surface.resampling import Resampled
     from .data.colours import ColourScale
-
-MOST_SPLITS = 64
 
 
 class SPARSE_SURFACE_OT_resample(Operator):

@@ -26,6 +26,7 @@ from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
 FOLDERS = ("command_line", "operators", "presets", "solver", "ui")
+FILES = ("LICENSE", "py.typed")
 DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can hold
 
 
@@ -36,7 +37,9 @@ class BuildError(Exception):
 def package_files() -> list[Path]:
     """Return what belongs to the package, relative to the checkout, in order."""
     inside = [path for folder in FOLDERS for path in (CHECKOUT / folder).rglob("*") if path.is_file()]
-    found = [path.relative_to(CHECKOUT) for path in [*inside, *CHECKOUT.glob("*.py"), CHECKOUT / "LICENSE"]]
+    found = [
+        path.relative_to(CHECKOUT) for path in [*inside, *CHECKOUT.glob("*.py"), *(CHECKOUT / name for name in FILES)]
+    ]
     return sorted(path for path in found if "__pycache__" not in path.parts and not path.name.startswith("."))
 
 

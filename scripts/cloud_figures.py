@@ -16,7 +16,8 @@ from sparse_surface.operators.heat_map.picture import render_heatmap
 from sparse_surface.operators.heat_map.point_shapes import create_point_shapes
 from sparse_surface.operators.reconstruct import read_cloud
 from sparse_surface.solver import CloudSettings, Settings, run_to_end
-from sparse_surface.solver.reconstruction.evaluated import CloudOutcome, reconstruct_arrays
+from sparse_surface.solver.interchange import CloudOutcome
+from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
 
 TOP_SHARE = 0.995
 """Share of the errors that the colours range over: a few points must not leave the rest in one colour."""

@@ -23,8 +23,10 @@ import sparse_surface
 from mathutils import Euler, Vector
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.operators.data.result_keys import read_report
-from sparse_surface.operators.files import formats as files
+from sparse_surface.operators.files.formats import up_axis
+from sparse_surface.operators.files.meshes import read_meshes, write_meshes
 from sparse_surface.operators.heat_map.picture import render_heatmap
+from sparse_surface.solver.atomic_files import atomic_output
 from sparse_surface.solver.errors import SparseSurfaceError
 
 OUT = Path(__file__).resolve().parent.parent / "out"
@@ -81,8 +83,8 @@ def write(name: str, source: Any, result: Any, up: str) -> dict[str, Any]:
     """Write the result's mesh, picture and report; returns the report."""
     report = read_report(result)
     assert report is not None
-    files.write_meshes(OUT / f"{name}.ply", [result])
-    with files.beside(OUT / f"{name}.json") as draft:
+    write_meshes(OUT / f"{name}.ply", [result])
+    with atomic_output(OUT / f"{name}.json") as draft:
         draft.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     render_heatmap(result, OUT / f"{name}.png", source=source, up=up)
     return report
@@ -100,7 +102,7 @@ def show(name: str, make: Callable[[], list[Any]], up: str = "Z") -> None:
             print_summary(own, write(own, source, result, up))
             result.location.x += 1.15 * result.dimensions.x
     set_up_viewports([*sources, *results])
-    files.write_meshes(OUT / f"{name}.blend", results)
+    write_meshes(OUT / f"{name}.blend", results)
     print(f"  done in {time.perf_counter() - start:.1f} s\n", flush=True)
 
 
@@ -123,7 +125,7 @@ def main(arguments: list[str] | None = None) -> int:
     sparse_surface.register()
     try:
         if model is not None:
-            show(model.stem, lambda: files.read_meshes(model), up="Y" if model.suffix.lower() == ".obj" else "Z")
+            show(model.stem, lambda: read_meshes(model), up=up_axis(model))
         else:
             show("flower", make_flower)
             show("suzanne", make_suzanne)

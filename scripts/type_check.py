@@ -19,7 +19,11 @@ def main() -> int:
     link.parent.mkdir(parents=True, exist_ok=True)
     if not link.exists():
         link.symlink_to(CHECKOUT, target_is_directory=True)
-    packages = [name for name in ("solver", "operators", "command_line", "ui") if any((CHECKOUT / name).glob("*.py"))]
+    packages = [
+        name
+        for name in ("solver", "operators", "command_line", "ui", "benchmarks")
+        if any((CHECKOUT / name).glob("*.py"))
+    ]
     modules = sorted(path.stem for path in CHECKOUT.glob("*.py") if path.stem != "__init__")
     arguments = [
         *(argument for name in packages for argument in ("-p", f"sparse_surface.{name}")),

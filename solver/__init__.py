@@ -1,10 +1,12 @@
 """Sparse Surface without Blender: meshes and point clouds to sparse patches over optimised domains.
 
 >>> from sparse_surface.solver import Settings, approximate
->>> result = approximate(vertices, faces, Settings(ring=7))            # doctest: +SKIP
->>> result.representation.evaluate(face_index, barycentric)            # doctest: +SKIP
+>>> result = approximate(vertices, faces, Settings(ring=4, degree=8))  # (V, 3), and (F, n) or a list of polygons
+>>> result.representation.evaluate([0, 5], [[1, 0, 0], [0.2, 0.3, 0.5]]).shape  # triangles, barycentric coordinates
+(2, 3)
 
-Names are imported when they are first used: loading the add-on must not wait for SciPy.
+These names are the public interface, described in docs/api.md; everything else may change.  They are imported when
+they are first used: loading the add-on must not wait for SciPy.
 """
 
 from __future__ import annotations
@@ -13,35 +15,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .approximation.approximate import Approximation, approximate, approximate_steps
-    from .cloud_settings import CloudSettings
+    from .approximation.approximate import approximate, approximate_steps
+    from .approximation.result import Approximation
+    from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
     from .reconstruction.reconstruct import Reconstruction, reconstruct, reconstruct_steps
-    from .settings import PRESETS, Settings
-    from .surface.representation import Representation
+    from .settings import PRESETS, CloudSettings, Settings
+    from .surface.representation import Representation, load, save
+    from .surface.resampling import resample, resample_steps
 
-_HOME = {
-    "Approximation": "approximation.approximate",
-    "Cancelled": "errors",
-    "CloudSettings": "cloud_settings",
-    "FINISH": "progress",
-    "FileFormatError": "errors",
-    "InputError": "errors",
-    "PRESETS": "settings",
-    "Progress": "progress",
-    "Reconstruction": "reconstruction.reconstruct",
-    "Representation": "surface.representation",
-    "Settings": "settings",
-    "SettingsError": "errors",
-    "SparseSurfaceError": "errors",
-    "WorkerError": "errors",
-    "approximate": "approximation.approximate",
-    "approximate_steps": "approximation.approximate",
-    "reconstruct": "reconstruction.reconstruct",
-    "reconstruct_steps": "reconstruction.reconstruct",
-    "run_to_end": "progress",
+_NAMES = {
+    "approximation.approximate": ("approximate", "approximate_steps"),
+    "approximation.result": ("Approximation",),
+    "denoising.denoise": ("denoise", "denoise_steps"),
+    "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
+    "progress": ("FINISH", "Progress", "run_to_end"),
+    "reconstruction.reconstruct": ("Reconstruction", "reconstruct", "reconstruct_steps"),
+    "settings": ("PRESETS", "CloudSettings", "Settings"),
+    "surface.representation": ("Representation", "load", "save"),
+    "surface.resampling": ("resample", "resample_steps"),
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "FINISH",
@@ -60,9 +55,15 @@ __all__ = [
     "WorkerError",
     "approximate",
     "approximate_steps",
+    "denoise",
+    "denoise_steps",
+    "load",
     "reconstruct",
     "reconstruct_steps",
+    "resample",
+    "resample_steps",
     "run_to_end",
+    "save",
 ]
 
 

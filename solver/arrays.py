@@ -1,4 +1,4 @@
-"""Ragged arrays: rows of different lengths one after the other, and the offsets at which they start."""
+"""The types of arrays, and ragged arrays: rows of different lengths in one array, with the offsets where they start."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
 
-def offsets_of(sizes: NDArray[np.int64]) -> Integers:
+def offsets_of(sizes: Indices) -> Indices:
     """Return where rows of the given sizes, (K,), start and end: (K + 1,), from 0."""
     offsets = np.zeros(len(sizes) + 1, dtype=np.int64)
     np.cumsum(sizes, out=offsets[1:])
     return offsets
 
 
-def row_positions(offsets: Integers, rows: NDArray[np.int64]) -> tuple[Integers, Integers]:
+def row_positions(offsets: Indices, rows: Indices) -> tuple[Indices, Indices]:
     """Return the positions that the chosen rows occupy, in their order, and the offsets of those rows by themselves."""
     sizes = offsets[rows + 1] - offsets[rows]
     new = offsets_of(sizes)
@@ -26,9 +28,15 @@ def row_positions(offsets: Integers, rows: NDArray[np.int64]) -> tuple[Integers,
     return positions, new
 
 
-def runs_of_rows(offsets: Integers, most: int) -> Iterator[tuple[int, int]]:
+def runs_of_rows(offsets: Indices, most: int) -> Iterator[tuple[int, int]]:
     """Split the rows into runs, first and one past the last, that each have about `most` entries together."""
     block = offsets[:-1] // most
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     for first, end in zip(starts, np.append(starts, len(block))[1:], strict=True):
         yield int(first), int(end)
+
+
+def rows_in_order(rows: Indices, names: Indices, wanted: Indices) -> Indices:
+    """Return each row, (S, 3), permuted in such a way that the `names` of its entries come in the `wanted` order."""
+    place = (names[:, None, :] == wanted[:, :, None]).argmax(axis=2)
+    return np.take_along_axis(rows, place, axis=1)

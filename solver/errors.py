@@ -1,6 +1,6 @@
-"""Errors that are meant to be read by the person who caused them.
+"""Errors addressed to the user.
 
-Every message is one clear sentence; callers show it as it is (operator report, one line on stderr).
+Every message is one clear sentence; callers show it unchanged (operator report, one line on stderr).
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ class SparseSurfaceError(Exception):
 
 
 class InputError(SparseSurfaceError, ValueError):
-    """The given mesh, point cloud or array cannot be worked on."""
+    """The given mesh, point cloud or array is not usable."""
 
 
 class SettingsError(SparseSurfaceError, ValueError):
-    """A setting lies outside of its range."""
+    """A setting is out of range."""
 
 
 class FileFormatError(SparseSurfaceError, ValueError):
@@ -23,8 +23,8 @@ class FileFormatError(SparseSurfaceError, ValueError):
 
 
 class WorkerError(SparseSurfaceError, RuntimeError):
-    """Worker processes died more often than the work could be handed out anew."""
+    """Worker processes crashed too often to repeat their work."""
 
 
 class Cancelled(SparseSurfaceError):
-    """The work was stopped on request; nothing of it is left behind."""
+    """The work was stopped on request and left nothing behind."""

@@ -1,7 +1,7 @@
-"""What a long computation tells while it runs.
+"""How a long computation reports its progress.
 
-Long work is one generator: it yields `Progress` and returns its result.  Whoever pumps it (a blocking
-call, a modal operator, a worker process) decides how to show it; closing the generator cancels the work.
+A long computation is a generator that yields `Progress` and returns its result.  Its caller (a blocking call, a modal
+operator, a worker process) decides how to show the progress; closing the generator cancels the work.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Result = TypeVar("Result")
 
 FINISH = "finish"
-"""Sent into the work to say: stop refining and return the best result so far."""
+"""Send this to the generator to stop refining and get the best result so far."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Progress:
     detail
         A short addition such as "96 of 535 patches"; may be empty.
     surface
-        Makes `vertices`, where the stage has a surface to show; to be called before the work goes on.
+        Computes `vertices`, where the stage has a surface to show; call it before the work continues.
     """
 
     stage: str
@@ -42,20 +42,30 @@ class Progress:
 
     @property
     def vertices(self) -> NDArray[np.float64] | None:
-        """The surface as it stands, (V, 3) in scene units, or None; who does not ask pays nothing."""
+        """The current surface, (V, 3) in scene units, or None; computed on access."""
         return None if self.surface is None else self.surface()
 
 
 Steps = Generator[Progress, str | None, Result]
-"""Long work: yields `Progress`, takes `None` (go on) or `FINISH`, returns its result."""
+"""A long computation: yields `Progress`, takes `None` (continue) or `FINISH`, and returns its result."""
 
 
 def run_to_end(steps: Steps[Result], report: Callable[[Progress], str | None] | None = None) -> Result:
-    """Pump `steps` to its end and return its result, handing each `Progress` to `report`.
+    """Run a computation to its end and return its result.
 
-    What `report` returns is sent into the work: `None` to go on, `FINISH` to end it early with the best
-    result so far.  An exception that `report` raises (for example `Cancelled`) closes the work and passes
-    through.
+    Parameters
+    ----------
+    steps
+        What one of the `..._steps` functions returned.
+    report
+        Called with each `Progress`.  It returns `None` to continue, or `FINISH` to end early with the best result so
+        far; an exception that it raises (for example `Cancelled`) cancels the computation and reaches the caller.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import FINISH, approximate_steps, run_to_end
+    >>> steps = approximate_steps(vertices, faces)
+    >>> result = run_to_end(steps, lambda step: FINISH if step.fraction > 0.5 else None)
     """
     request: str | None = None
     try:
@@ -70,7 +80,7 @@ def run_to_end(steps: Steps[Result], report: Callable[[Progress], str | None] | 
 
 
 def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
-    """Squeeze the fractions of a sub-computation into [start, end] of the whole; requests pass through."""
+    """Map the fractions of a sub-computation to [start, end] of the whole; requests pass through."""
     request: str | None = None
     try:
         while True:

@@ -1,14 +1,21 @@
-"""The settings of a run: one frozen dataclass, from which panel and command line take defaults, ranges and texts."""
+"""The settings of a run: frozen dataclasses, from which panel and command line take defaults, ranges and texts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from importlib.util import find_spec
 from typing import Any
 
 from .errors import SettingsError
+from .patch_methods import METHODS
 
 AUTOMATIC = "auto"
+
+MOST_SPLITS = 64
+"""Into how many parts an edge can be split where a surface is evaluated."""
+MOST_AUTOMATIC_SPLITS = 32
+"""The same where the number of parts is chosen automatically."""
 
 
 def number(default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None) -> Any:
@@ -26,8 +33,37 @@ def switch(default: bool, text: str) -> Any:
     return field(default=default, metadata={"text": text})
 
 
+def check_value(name: str, value: object, metadata: Mapping[str, Any], kind: type) -> None:
+    """Refuse the value of a field made by one of the functions above when it is out of range or of another kind."""
+    if "choices" in metadata:
+        if value not in metadata["choices"]:
+            raise SettingsError(f"{name} must be one of {', '.join(metadata['choices'])}, not {value!r}.")
+    elif kind is bool:
+        if not isinstance(value, bool):
+            raise SettingsError(f"{name} must be true or false, not {value!r}.")
+    else:
+        whole = kind is int
+        numeric = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+        if not numeric or not metadata["low"] <= value <= metadata["high"]:
+            a = "a whole number" if whole else "a number"
+            raise SettingsError(f"{name} must be {a} from {metadata['low']:g} to {metadata['high']:g}, not {value!r}.")
+
+
 @dataclass(frozen=True)
-class Settings:
+class _Checked:
+    """Base of settings: every value is checked when an object is made."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            check_value(item.name, getattr(self, item.name), item.metadata, type(item.default))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the settings as plain values, in the order of the fields."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Settings(_Checked):
     """Everything that determines a result.  The same settings on the same input give the same bytes.
 
     Each field's metadata holds its range (`low`, `high`; `soft` is what a slider offers) or its `choices`
@@ -36,15 +72,18 @@ class Settings:
     Raises
     ------
     SettingsError
-        When a value lies outside of its range; the message names the range.
+        When a value lies outside its range; the message names the range.
+
+    Examples
+    --------
+    >>> Settings(ring=5).resolved().blending
+    'partition'
+    >>> Settings(domains="separate").channels
+    3
     """
 
     method: str = choice(
-        "default",
-        "How each patch is fitted",
-        default="Variable projection: Gauss-Newton on the domain with the coefficients eliminated. Most accurate",
-        paper="The augmented-Lagrangian iteration of the paper, as printed. Slower and less accurate",
-        traditional="Sparse fit on the fixed initial domain. Fast; rounds creases off",
+        "default", "How each patch is fitted", **{method.name: method.text for method in METHODS.values()}
     )
     ring: int = number(7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12))
     degree: int = number(
@@ -69,7 +108,7 @@ class Settings:
         "common",
         "Whether x, y and z share one optimised domain",
         common="One domain for the three coordinates",
-        separate="A domain for each coordinate: 2 to 4 times more accurate, twice the time, three times the storage",
+        separate="A domain for each coordinate: 1.2 to 3.2 times as accurate, twice the time, three times the storage",
     )
     initial_domain: str = choice(
         "lscm",
@@ -79,13 +118,17 @@ class Settings:
         tutte="Tutte's embedding in a circle",
     )
     iterations: int = number(
-        15, 0, 200, "Most steps of the domain optimisation. Patches that have settled end sooner", soft=(4, 40)
+        15,
+        0,
+        200,
+        "Largest number of steps of the domain optimisation. Patches that have settled stop sooner",
+        soft=(4, 40),
     )
     sweeps: int = number(
         1,
         0,
         20,
-        "Gauss-Seidel passes that make overlapping patches agree. Each costs a fifth of the solve",
+        "Gauss-Seidel passes that make overlapping patches agree. Each costs almost half of the solve",
         soft=(0, 5),
     )
     blending: str = choice(
@@ -108,6 +151,7 @@ class Settings:
         auto="Orthogonal least squares for the default method, matching pursuit for the paper's methods",
         ols="Orthogonal least squares with one replacement pass",
         omp="Orthogonal matching pursuit",
+        sklearn="Orthogonal matching pursuit by scikit-learn, one signal at a time: the slow reference for omp",
     )
     beta1: float = number(0.2, 0.0, 1e6, "Weight that holds the domain near its start (eq. 4)", soft=(0.0, 1.0))
     beta2: float = number(0.1, 0.0, 1e6, "Weight that keeps the domain's triangles rigid (eq. 4)", soft=(0.0, 1.0))
@@ -136,13 +180,13 @@ class Settings:
         "Where a patch is compared with the surface",
         auto="At vertices and triangle centres for the default method, at vertices for the paper's methods",
         centroids="At vertices and triangle centres, so that nothing oscillates in between",
-        vertices="At vertices only, as in the paper. Less time; may oscillate between them",
+        vertices="At vertices only, as in the paper. Faster; may oscillate between them",
     )
     keep_iterations: bool = switch(
         False, "Keep the surface after each iteration, as shape keys of the result. Takes memory"
     )
     tolerance: float = number(
-        0.0, 0.0, 1e12, "Largest allowed surface error in scene units; patches are refined until it is kept. 0: off"
+        0.0, 0.0, 1e12, "Largest allowed surface error in scene units; patches are refined until it is met. 0: off"
     )
     adaptive: bool = switch(
         True, "Split patches whose initial domain is badly squeezed into smaller rings before solving"
@@ -150,13 +194,13 @@ class Settings:
     mark_creases: bool = switch(False, "Mark the edges that the optimisation treats as creases as sharp on the result")
     denoise: str = choice(
         "off",
-        "Whether noise is taken off first; creases are kept, and a mesh without noise stays as it is",
+        "Whether noise is removed first; creases are kept, and a mesh without noise stays as it is",
         off="Approximate the mesh as it is",
-        only="Take the noise off and leave it at that: the denoised mesh is the result",
-        first="Take the noise off, then approximate the denoised mesh",
+        only="Only remove the noise: the denoised mesh is the result",
+        first="Remove the noise, then approximate the denoised mesh",
     )
     denoise_strength: float = number(
-        1.0, 0.0, 10.0, "How much noise is taken off, as a multiple of what is found. 0: none", soft=(0.0, 3.0)
+        1.0, 0.0, 10.0, "How much noise is removed, as a multiple of what is found. 0: none", soft=(0.0, 3.0)
     )
     noise_level: float = number(
         0.0, 0.0, 1e12, "Standard deviation of the noise, in scene units. 0: estimated from the mesh"
@@ -166,25 +210,24 @@ class Settings:
         0, 0, 256, "Processes that solve patches. 0: one for each physical core; 1: all in this process", soft=(0, 32)
     )
 
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            check_value(item.name, getattr(self, item.name), item.metadata, type(item.default))
+    @property
+    def channels(self) -> int:
+        """Number of domains that a patch has: one for x, y and z together, or one for each."""
+        return 3 if self.domains == "separate" else 1
 
     def resolved(self) -> Settings:
-        """Return the settings with every automatic choice replaced by what the method uses."""
-        own = self.method == "default"
-        choices = {
-            "blending": "partition" if own else "uniform",
-            "basis": "legendre" if own else "monomial",
-            "pursuit": "ols" if own else "omp",
-            "observations": "centroids" if own else "vertices",
-        }
-        changes: dict[str, Any] = {name: value for name, value in choices.items() if getattr(self, name) == AUTOMATIC}
-        return replace(self, **changes)
+        """Return the settings with every automatic choice replaced by what the method uses.
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the settings as plain values, in the order of the fields."""
-        return asdict(self)
+        Raises
+        ------
+        SettingsError
+            When the pursuit of scikit-learn is asked for and scikit-learn is not installed.
+        """
+        defaults: Mapping[str, Any] = METHODS[self.method].defaults
+        found = replace(self, **{name: value for name, value in defaults.items() if getattr(self, name) == AUTOMATIC})
+        if found.pursuit == "sklearn" and find_spec("sklearn") is None:
+            raise SettingsError("The pursuit 'sklearn' needs scikit-learn, which is not installed.")
+        return found
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Settings:
@@ -202,20 +245,52 @@ class Settings:
         return cls(**values)
 
 
-def check_value(name: str, value: object, metadata: Mapping[str, Any], kind: type) -> None:
-    """Refuse the value of a field made by one of the functions above when it is out of range or of another kind."""
-    if "choices" in metadata:
-        if value not in metadata["choices"]:
-            raise SettingsError(f"{name} must be one of {', '.join(metadata['choices'])}, not {value!r}.")
-    elif kind is bool:
-        if not isinstance(value, bool):
-            raise SettingsError(f"{name} must be true or false, not {value!r}.")
-    else:
-        whole = kind is int
-        numeric = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        if not numeric or not metadata["low"] <= value <= metadata["high"]:
-            a = "a whole number" if whole else "a number"
-            raise SettingsError(f"{name} must be {a} from {metadata['low']:g} to {metadata['high']:g}, not {value!r}.")
+@dataclass(frozen=True)
+class CloudSettings(_Checked):
+    """How points become observations over a base mesh; metadata as in `Settings`.
+
+    Raises
+    ------
+    SettingsError
+        When a value lies outside its range; the message names the range.
+    """
+
+    ring: int = number(
+        0,
+        0,
+        20,
+        "Patch radius in edges of the base. 1: the faces around a vertex; 2: all faces that touch these. "
+        "0: 1 for clean points, larger where the points are noisy",
+        soft=(0, 4),
+    )
+    robust: str = choice(
+        "none",
+        "How points far from the surface count",
+        none="All points count alike",
+        huber="Farther points count less: for noise with heavy tails",
+        tukey="Points beyond a few noise levels do not count: for outliers",
+    )
+    noise: float = number(
+        0.0,
+        0.0,
+        1e12,
+        "Standard deviation of the points across the surface, in scene units. 0: estimated from the points",
+    )
+    creases: bool = switch(
+        True, "Estimate where smooth sides of the cloud meet and observe the surface there too: sharper creases"
+    )
+    fit_base: bool = switch(
+        True,
+        "Move the base to the points, and its vertices onto creases nearby, before the points are projected onto it",
+    )
+    corrections: int = number(
+        2,
+        0,
+        20,
+        "How often the points are projected again, onto the surface itself, and the patches refitted. "
+        "Each time costs a third of the solve",
+        soft=(0, 5),
+    )
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -225,4 +300,4 @@ PRESETS: dict[str, dict[str, Any]] = {
     "precise": {"domains": "separate"},
     "denoise": {"denoise": "only"},
 }
-"""Named deviations from the defaults, the same in the panel and on the command line."""
+"""Changes of the defaults by name, the same in the panel and on the command line."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +16,9 @@ from sparse_surface.benchmarks import accuracy, denoising, evaluation
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
+from sparse_surface.benchmarks.measured import growth_exponent
 from sparse_surface.benchmarks.natural_alternative import compare
-from sparse_surface.benchmarks.performance import growth_exponent
-from sparse_surface.benchmarks.tables import table
+from sparse_surface.benchmarks.tables import Table
 from sparse_surface.solver import Settings
 
 QUICK = {"workers": 1, "ring": 4, "degree": 6, "sparsity": 6, "iterations": 2, "sweeps": 0}
@@ -27,8 +31,8 @@ def run_of(vertices: int, seconds: float) -> Measured:
 
 @pytest.mark.parametrize("exponent", [0.9, 1.0, 1.5])
 def test_the_growth_exponent_of_a_power_is_its_own(exponent: float) -> None:
-    runs = [run_of(n, 3.0 * n**exponent) for n in (1_500, 20_000, 1_000_000)]
-    assert math.isclose(growth_exponent(runs), exponent, rel_tol=1e-9)
+    sizes = [1_500.0, 20_000.0, 1_000_000.0]
+    assert math.isclose(growth_exponent(sizes, [3.0 * n**exponent for n in sizes]), exponent, rel_tol=1e-9)
 
 
 def test_times_are_divided_by_the_unit() -> None:
@@ -102,10 +106,10 @@ def test_a_noisy_case_is_measured_and_written() -> None:
     assert 0.8 < found.level < 1.2
     assert found.units > 0.0
     assert denoising.measure_clean(Case("sphere"))[0]
-    text = denoising.document([found], {"sphere": (True, 1.0)})
-    assert f"{found.denoised.rms:.2e} / {found.denoised.degrees:.2f}" in text
-    assert "| sphere | unchanged |" in text
-    assert denoising.document([], {}) == ""
+    tables = denoising.tables([found], {"sphere": (True, 1.0)})
+    shown = f"{found.denoised.rms:.2e} / {found.denoised.degrees:.2f}"
+    assert tables["denoising"].cell("sphere", "denoised") == shown
+    assert "| sphere | unchanged |" in tables["denoising, clean"].markdown()
 
 
 def test_a_representation_is_measured_and_written() -> None:
@@ -113,15 +117,40 @@ def test_a_representation_is_measured_and_written() -> None:
     assert found.change < 1e-6
     assert found.file_bytes > 10_000
     assert min(found.point_units, found.normal_units) > 0.0
-    text = evaluation.document([found])
-    assert "| cube | smooth, rims |" in text
-    assert evaluation.document([]) == ""
+    tables = evaluation.tables([found])
+    assert "| cube | smooth, rims |" in tables["bends"].markdown()
+    assert tables["representation"].cell("cube", "patches") == str(found.patches)
 
 
 def test_tables_are_markdown() -> None:
-    assert table(["a", "b"], [["x", 1234], ["y", 0.001]]).splitlines() == [
+    assert Table.of(["a", "b"], [["x", 1234], ["y", 0.001]]).markdown().splitlines() == [
         "| a | b |",
         "| --- | ---: |",
         "| x | 1,234 |",
         "| y | 1.00e-03 |",
     ]
+
+
+@pytest.mark.parametrize("words", [["sparse_surface.benchmarks"], ["sparse_surface", "benchmark"]], ids=str)
+def test_the_benchmark_runs_as_a_command(tmp_path: Path, words: list[str]) -> None:
+    file = tmp_path / "figures.json"
+    command = [sys.executable, "-m", *words, "--models", "tetrahedron", "--only", "stages", "--json", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "| tetrahedron | 4 |" in done.stdout
+    runs = json.loads(file.read_text())["stages"]
+    assert [run["report"]["input"]["vertices"] for run in runs] == [4, 4]
+
+
+def test_what_cannot_be_measured_is_refused(tmp_path: Path) -> None:
+    for words, said in (
+        (["--models", "unicorn"], "There is no model 'unicorn'"),
+        (["--json", str(tmp_path / "no" / "file.json")], "there is no folder"),
+        (["--models", "cube", "--keep"], "tables of some models are not kept"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "sparse_surface", "benchmark", *words], capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode in (1, 2)
+        assert said in done.stderr
+        assert "Traceback" not in done.stderr

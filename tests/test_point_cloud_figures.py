@@ -9,6 +9,7 @@ import pytest
 from sparse_surface.benchmarks import point_clouds
 from sparse_surface.benchmarks.generated_clouds import ball
 from sparse_surface.benchmarks.point_clouds import CASES, CloudCase, MeasuredCloud, measure
+from sparse_surface.benchmarks.tables import Table
 
 # Largest rms and maximum of the surface's distance from the true one, mean distance of the edges, rms of the fit.
 LIMITS = {
@@ -53,17 +54,10 @@ def test_a_small_cloud_is_measured_against_its_true_surface() -> None:
     assert found.unit > 0.0
 
 
-def test_the_table_is_written_between_its_marks(tmp_path) -> None:
-    path = tmp_path / "point-clouds.md"
-    path.write_text(f"before\n{point_clouds.START}old\n{point_clouds.END}after\n")
+def test_a_cloud_is_a_row_of_the_table() -> None:
     row = MeasuredCloud("Ball", "little", 1410, 24, (1e-3, 2e-3), None, (3e-4, 4e-4), 0, 10.0, 0.05).row()
-    point_clouds.write(path, point_clouds.table(point_clouds.HEAD, [row]))
-    lines = path.read_text().splitlines()
-    assert lines[0] == "before"
-    assert lines[-1] == "after"
-    assert "old" not in lines
+    lines = Table.of(point_clouds.HEAD, [row]).markdown().splitlines()
     assert "| Ball | 1,410 / 24 | 1.0e-03 / 2.0e-03 |  | 3.0e-04 / 4.0e-04 | 0 | 200 (10 s) | little |" in lines
-    assert [each.name for each in tmp_path.iterdir()] == ["point-clouds.md"]
 
 
 def test_samples_of_the_surface_hang_together() -> None:

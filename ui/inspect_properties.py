@@ -13,9 +13,7 @@ from bpy.props import (
 )
 from bpy.types import PropertyGroup
 
-from ..solver.settings import PRESETS, Settings
-
-_METHODS = Settings.__dataclass_fields__["method"].metadata["choices"]
+from ..solver.settings import MOST_SPLITS, PRESETS
 
 
 class SparseSurfaceTerm(PropertyGroup):
@@ -40,7 +38,7 @@ class SparseSurfaceInspection(PropertyGroup):
         description="Into how many parts every edge is split. The number of faces grows with its square",
         default=2,
         min=1,
-        max=64,
+        max=MOST_SPLITS,
         soft_max=8,
     )
     holder: StringProperty(name="Result", description="Name of the result whose patch is shown")

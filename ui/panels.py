@@ -16,20 +16,21 @@ from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
 from ..operators.run.requirements import missing_packages
 from ..operators.run.status import duration_text, remaining_text
 from ..operators.show_heat_map import shows_heat_map
+from ..solver.patch_methods import METHODS
 from .presets import SPARSE_SURFACE_PT_presets
 from .properties import CLOUD_NAMES, SOLVER_NAMES
 
 MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
 DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "mark_creases", "pin_boundary")
 DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
-PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
+OF_ONE_METHOD = tuple(name for method in METHODS.values() for name in method.own_settings)
 SWEEPS = ("sweeps", "blending")
 NOISE = ("denoise", "denoise_strength", "noise_level")
 OUTPUT = ("keep_iterations", "workers")
 
 
 MORE = tuple(
-    name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *PAPER, *SWEEPS, *NOISE, *OUTPUT}
+    name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *OF_ONE_METHOD, *SWEEPS, *NOISE, *OUTPUT}
 )
 """Settings without a place of their own."""
 
@@ -88,10 +89,11 @@ class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
         for name in (*DICTIONARY, *MORE):
             column.prop(settings, name)
         column.separator()
-        paper = column.column()
-        paper.active = settings.method == "paper"
-        for name in PAPER:
-            paper.prop(settings, name)
+        read = METHODS[settings.method].own_settings
+        for name in OF_ONE_METHOD:
+            row = column.row()
+            row.active = name in read
+            row.prop(settings, name)
 
 
 class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):

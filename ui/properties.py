@@ -9,8 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from bpy.types import Context, Object, PropertyGroup
 
 from ..operators.heat_map.scale import recolour_scene
-from ..solver.cloud_settings import CloudSettings
-from ..solver.settings import PRESETS, Settings
+from ..solver.settings import MOST_SPLITS, PRESETS, CloudSettings, Settings
 from . import inspect_properties
 
 CONTEXT = "Sparse Surface"
@@ -35,6 +34,7 @@ CHOICE_NAMES = {
     "lscm": "LSCM",
     "ols": "OLS",
     "omp": "OMP",
+    "sklearn": "OMP by scikit-learn",
     "common": "Common Domain",
     "separate": "Domain per Coordinate",
     "partition": "Partition of Unity",
@@ -169,7 +169,7 @@ class SparseSurfaceReconstruction(PropertyGroup):
         "0: about as many vertices as there are points",
         default=0,
         min=0,
-        max=64,
+        max=MOST_SPLITS,
         soft_max=16,
     )
     point_errors: BoolProperty(

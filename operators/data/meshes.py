@@ -13,7 +13,7 @@ from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from ...solver.job import MeshArrays
+from ...solver.interchange import MeshArrays
 from .colours import ColourScale
 from .result_keys import DOMAIN_STRETCH, ERROR, ERROR_COLOUR, PATCH, REPORT, REPRESENTATION, SCALE, STRETCH, result_name
 from .shape_keys import add_iteration_keys

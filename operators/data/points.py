@@ -13,7 +13,7 @@ from bpy.types import Context, Depsgraph, Mesh, Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from ...solver.reconstruction.evaluated import CloudArrays
+from ...solver.interchange import CloudArrays
 from . import meshes as mesh_data
 from .meshes import WorldLengths
 from .result_keys import (
@@ -30,7 +30,7 @@ from .result_keys import (
 )
 
 if TYPE_CHECKING:
-    from ...solver.reconstruction.evaluated import CloudOutcome
+    from ...solver.interchange import CloudOutcome
     from .base_mesh import Base
     from .colours import ColourScale
 

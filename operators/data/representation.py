@@ -12,7 +12,6 @@ from bpy.types import Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from ...solver.surface.files import from_bytes
 from ...solver.surface.representation import Representation
 from . import meshes as mesh_data
 from .result_keys import REPRESENTATION, SPLITS, STRETCH
@@ -42,7 +41,7 @@ def read(holder: Object) -> Representation:
 @lru_cache(maxsize=2)
 def _parsed(stored: bytes, name: str) -> Representation:
     """Stepping from patch to patch must not read the whole anew each time."""
-    return from_bytes(stored, rpt_("The representation of '{}'").format(name))
+    return Representation.from_bytes(stored, rpt_("The representation of '{}'").format(name))
 
 
 @dataclass(frozen=True)

@@ -1,165 +1,77 @@
-"""Files in and out, through Blender's own importers and exporters.
+"""The kinds of mesh file that Blender reads and writes; a new kind is a row.  Needs no Blender.
 
-Axes are left as they stand in the file, and so are vertex order and scale: a vertex that nothing moved comes
-out where it went in.
+Axes stay as they are in the file, and so do vertex order and scale: a vertex that nothing moved comes out where it
+went in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import bpy
-from bpy.types import Object
-
-from ...solver.errors import FileFormatError, InputError
-from .atomic import beside
-
-_AXES = {"forward_axis": "Y", "up_axis": "Z"}  # Blender's own, which is: no turning
+_AXES = {"forward_axis": "Y", "up_axis": "Z"}  # Blender's own: nothing is rotated
 
 
-def _enable(add_on: str) -> None:
-    """Enable an importer that comes with Blender; what it is kept in can be found only once bpy is loaded."""
-    import addon_utils
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
 
-    addon_utils.enable(add_on)
-
-
-def _import_fbx(path: str) -> None:
-    if _is_operator("wm.fbx_import"):
-        bpy.ops.wm.fbx_import(filepath=path)
-    else:
-        _enable("io_scene_fbx")
-        bpy.ops.import_scene.fbx(filepath=path)
-
-
-def _is_operator(name: str) -> bool:
-    space, _, operator = name.partition(".")
-    return operator in dir(getattr(bpy.ops, space))
-
-
-def _import_gltf(path: str) -> None:
-    _enable("io_scene_gltf2")
-    bpy.ops.import_scene.gltf(filepath=path, merge_vertices=True)
-
-
-def _open_blend(path: str) -> None:
-    bpy.ops.wm.open_mainfile(filepath=path, load_ui=False, use_scripts=False)
-
-
-_IMPORTERS: dict[str, Callable[[str], Any]] = {
-    ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path, **_AXES),
-    ".ply": lambda path: bpy.ops.wm.ply_import(filepath=path, **_AXES),
-    ".stl": lambda path: bpy.ops.wm.stl_import(filepath=path, **_AXES),
-    ".blend": _open_blend,
-    ".glb": _import_gltf,
-    ".gltf": _import_gltf,
-    ".fbx": _import_fbx,
-    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), lambda path: bpy.ops.wm.usd_import(filepath=path)),
-    ".abc": lambda path: bpy.ops.wm.alembic_import(filepath=path, as_background_job=False),
-}
-
-
-def _export_gltf(path: str) -> None:
-    _enable("io_scene_gltf2")
-    kind = "GLB" if path.endswith(".glb") else "GLTF_SEPARATE"
-    bpy.ops.export_scene.gltf(filepath=path, export_format=kind, use_selection=True)
-
-
-def _export_fbx(path: str) -> None:
-    _enable("io_scene_fbx")
-    bpy.ops.export_scene.fbx(filepath=path, use_selection=True)
-
-
-_EXPORTERS: dict[str, Callable[[str], Any]] = {
-    ".obj": lambda path: bpy.ops.wm.obj_export(filepath=path, export_selected_objects=True, **_AXES),
-    # A PLY file has coordinates for each vertex only: with UVs the exporter would split vertices at seams.
-    ".ply": lambda path: bpy.ops.wm.ply_export(filepath=path, export_selected_objects=True, export_uv=False, **_AXES),
-    ".stl": lambda path: bpy.ops.wm.stl_export(filepath=path, export_selected_objects=True, **_AXES),
-    ".blend": lambda path: bpy.ops.wm.save_as_mainfile(filepath=path, copy=True, compress=True),
-    ".glb": _export_gltf,
-    ".gltf": _export_gltf,
-    ".fbx": _export_fbx,
-    **dict.fromkeys(
-        (".usd", ".usda", ".usdc"), lambda path: bpy.ops.wm.usd_export(filepath=path, selected_objects_only=True)
-    ),
-    ".abc": lambda path: bpy.ops.wm.alembic_export(filepath=path, selected=True, as_background_job=False),
-}
-
-READABLE, WRITABLE = tuple(_IMPORTERS), tuple(_EXPORTERS)
-
-
-def read_meshes(path: Path) -> list[Object]:
-    """Read a file into an empty scene and return its mesh objects, sorted by name; raises what `read_objects` does."""
-    return read_objects(path, ("MESH",), "mesh")
-
-
-def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
-    """Read a file into an empty scene and return its objects of these kinds, sorted by name.
-
-    Raises
-    ------
-    InputError
-        When the file is not there or holds none; `wanted` says of what.
-    FileFormatError
-        When Blender cannot read it.
+    Attributes
+    ----------
+    endings
+        Its file endings, in lower case, with the dot.
+    reader, writer
+        Names of Blender's operators; the first that this Blender has is used. None: cannot be written.
+    reading, writing
+        What the operators are told beside the path.
+    add_on
+        Add-on of Blender's that brings an operator which is not built in.
+    up
+        The axis that points upwards, as most programs that write such files have it.
     """
-    if not path.is_file():
-        raise InputError(f"There is no file '{path}'.")
-    if path.suffix.lower() not in _IMPORTERS:
-        raise FileFormatError(f"'{path.name}' is of no kind that can be read ({', '.join(READABLE)}).")
-    bpy.ops.wm.read_homefile(use_empty=True)
-    try:
-        outcome = _IMPORTERS[path.suffix.lower()](str(path))
-    except RuntimeError as error:  # Blender's operators report their errors so
-        raise FileFormatError(f"'{path.name}' cannot be read: {_first_line(error)}.") from error
-    found = [candidate for candidate in bpy.context.scene.objects if candidate.type in kinds]
-    if outcome == {"CANCELLED"} or not found:
-        raise InputError(f"'{path.name}' holds no {wanted}.")
-    return sorted(found, key=lambda one: one.name)
+
+    endings: tuple[str, ...]
+    reader: tuple[str, ...]
+    writer: str | None
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    writing: Mapping[str, Any] = field(default_factory=dict)
+    add_on: str = ""
+    up: str = "Z"
 
 
-def named(objects: Sequence[Object], name: str) -> list[Object]:
-    """Return the object of this name alone.
+_OWN = {"export_selected_objects": True, **_AXES}
+# A PLY file has coordinates for each vertex only: with UVs the exporter would split vertices at seams.
+_PLY = {**_OWN, "export_uv": False}
+_BLEND = {"load_ui": False, "use_scripts": False}, {"copy": True, "compress": True}
+_GLTF = ("import_scene.gltf",), "export_scene.gltf", {"merge_vertices": True}
+_FBX = ("wm.fbx_import", "import_scene.fbx"), "export_scene.fbx"
+_ABC = {"as_background_job": False}
+# Blender crashes on the zero bytes of the stored representation.
+_ABC_OUT = {**_ABC, "selected": True, "export_custom_properties": False}
 
-    Raises
-    ------
-    InputError
-        When there is none.
-    """
-    found = [candidate for candidate in objects if candidate.name == name]
-    if not found:
-        there = ", ".join(f"'{candidate.name}'" for candidate in objects)
-        raise InputError(f"The file has no mesh '{name}', only {there}.")
-    return found
+FORMATS = (
+    Format((".obj",), ("wm.obj_import",), "wm.obj_export", _AXES, _OWN, up="Y"),
+    Format((".ply",), ("wm.ply_import",), "wm.ply_export", _AXES, _PLY),
+    Format((".stl",), ("wm.stl_import",), "wm.stl_export", _AXES, _OWN),
+    Format((".blend",), ("wm.open_mainfile",), "wm.save_as_mainfile", *_BLEND),
+    Format((".glb",), *_GLTF, {"export_format": "GLB", "use_selection": True}, "io_scene_gltf2"),
+    Format((".gltf",), *_GLTF, {"export_format": "GLTF_SEPARATE", "use_selection": True}, "io_scene_gltf2"),
+    Format((".fbx",), *_FBX, {}, {"use_selection": True}, "io_scene_fbx"),
+    Format((".usd", ".usda", ".usdc"), ("wm.usd_import",), "wm.usd_export", {}, {"selected_objects_only": True}),
+    Format((".usdz",), ("wm.usd_import",), None),
+    Format((".abc",), ("wm.alembic_import",), "wm.alembic_export", _ABC, _ABC_OUT),
+)
 
-
-def write_meshes(path: Path, objects: Sequence[Object]) -> None:
-    """Write these objects, or for a .blend file everything, into a file; it appears when it is complete.
-
-    Raises
-    ------
-    FileFormatError
-        When the ending names no kind of file that can be written.
-    OSError
-        When the folder cannot be written.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in _EXPORTERS:
-        raise FileFormatError(f"'{path.name}' is of no kind that can be written ({', '.join(WRITABLE)}).")
-    bpy.context.view_layer.update()
-    for other in bpy.context.view_layer.objects:
-        other.select_set(other in objects)
-    with beside(path) as draft:
-        try:
-            _EXPORTERS[suffix](str(draft))
-        except RuntimeError as error:
-            raise OSError(_first_line(error)) from error
+BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}
+READABLE = tuple(BY_ENDING)
+WRITABLE = tuple(ending for ending, kind in BY_ENDING.items() if kind.writer is not None)
+POINTS = tuple(dict.fromkeys((*READABLE, ".xyz")))
+"""Endings of files that hold points."""
 
 
-def _first_line(error: BaseException) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if lines and "Traceback" in lines[0]:  # an exporter in Python: what it says comes last
-        lines = [line for line in lines if not line.startswith("Location:")][::-1]
-    return (lines[0] if lines else type(error).__name__).removeprefix("Error: ").rstrip(".")
+def up_axis(path: Path) -> str:
+    """Return the axis that most likely points upwards in a file."""
+    kind = BY_ENDING.get(path.suffix.lower())
+    return "Z" if kind is None else kind.up

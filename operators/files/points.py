@@ -1,4 +1,4 @@
-"""Point clouds from files: those that Blender reads, and two kinds whose loose points it leaves out."""
+"""Point clouds from files: those that Blender reads, and two kinds that it reads without their loose points."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ...solver.errors import FileFormatError, InputError
 from ..data import meshes as mesh_data
 from ..data import points as cloud_data
-from . import formats as files
+from .meshes import named, read_meshes, read_objects
 
 TEXT = (".xyz", ".obj")
-READABLE = tuple(dict.fromkeys((*files.READABLE, *TEXT)))
+"""Files whose lines are read here: Blender has no importer for one, and drops the points of the other."""
 
 
 def read_points(path: Path, name: str | None = None) -> Object:
@@ -32,9 +32,7 @@ def read_points(path: Path, name: str | None = None) -> Object:
         points = _points_of_text(path)
         bpy.ops.wm.read_homefile(use_empty=True)
         return _new_object(path.stem, points)
-    found = files.read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud")
-    if name is not None:
-        found = files.named(found, name)
+    found = named(read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud"), name)
     if len(found) == 1:
         return found[0]
     return _new_object(path.stem, np.concatenate([_world_points(each) for each in found]))
@@ -51,7 +49,7 @@ def read_base(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArr
         When it cannot be read.
     """
     positions, corners, sizes, count = [], [], [], 0
-    for each in files.read_meshes(path):
+    for each in read_meshes(path):
         own, numbers = mesh_data.read_polygons(each.data)
         positions.append(_world_points(each))
         corners.append(own + count)
@@ -79,7 +77,7 @@ def _world_points(each: Object) -> NDArray[np.float64]:
 
 
 def _points_of_text(path: Path) -> NDArray[np.float64]:
-    """Coordinates of the vertices of an .obj file (lines "v x y z"), or of a file with three or more numbers a line."""
+    """Return the points of an .obj file (its lines "v x y z") or of lines that begin with three numbers, (N, 3)."""
     is_object = path.suffix.lower() == ".obj"
     with open(path, encoding="utf-8", errors="replace") as lines:
         rows = [line.split() for line in lines if not line.lstrip().startswith("#")]

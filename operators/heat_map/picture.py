@@ -21,6 +21,7 @@ from bpy.types import Material, Mesh, Object, Scene
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
 
+from ...solver.atomic_files import atomic_output
 from ...solver.errors import InputError
 from ..data.colours import INSIDE, OUTSIDE, ColourScale, ramp, srgb_to_linear
 from ..data.result_keys import ERROR_COLOUR, SCALE, has_heat_map, read_report
@@ -359,17 +360,12 @@ def _add_legend(letter: _Lettering, scale: ColourScale) -> None:
 
 
 def _render(scene: Scene, picture: Path) -> None:
-    """Render beside the picture's place and rename, so that a broken run leaves the old one intact."""
-    partial = picture.with_name(f".{picture.stem}.{os.getpid()}.png")
-    scene.render.filepath = str(partial)
-    scene.render.use_file_extension = False
-    try:
+    with atomic_output(picture) as draft:
+        scene.render.filepath = str(draft)
+        scene.render.use_file_extension = False
         with _quiet():
             bpy.ops.render.render(write_still=True, scene=scene.name)
-        partial.write_bytes(_without_texts(partial.read_bytes()))
-        partial.replace(picture)
-    finally:
-        partial.unlink(missing_ok=True)
+        draft.write_bytes(_without_texts(draft.read_bytes()))
 
 
 @contextmanager

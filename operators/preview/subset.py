@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...solver.mesh.clustering import coarsen
 
 if TYPE_CHECKING:
-    from ...solver.job import MeshArrays
+    from ...solver.interchange import MeshArrays
 
 
 class DrawnPart:

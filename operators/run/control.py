@@ -10,7 +10,6 @@ import atexit
 import sys
 import time
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
@@ -21,9 +20,10 @@ from ...solver.settings import Settings
 from .status import redraw_progress, settle_sidebars, show_status
 
 if TYPE_CHECKING:
-    from ...solver.job import Job, Outcome
+    from ...solver.approximation.result import Approximation
+    from ...solver.interchange import CloudOutcome
+    from ...solver.job import Job
     from ...solver.progress import Progress
-    from ...solver.reconstruction.evaluated import CloudOutcome
     from ..data.meshes import Source
     from ..data.points import CloudSource
     from ..preview.controller import LivePreview
@@ -55,7 +55,7 @@ class Run:
 
     tasks: list[tuple[Source | CloudSource, Settings]]
     preview: LivePreview | None = None
-    results: list[tuple[Source | CloudSource, Outcome | CloudOutcome]] = field(default_factory=list)
+    results: list[tuple[Source | CloudSource, Approximation | CloudOutcome]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     progress: Progress | None = None
     finishing: bool = False
@@ -117,16 +117,10 @@ class Run:
     def _start_next(self) -> None:
         from ...solver.job import Job
 
-        folder = Path(bpy.app.tempdir) / f"sparse_surface_job_{self._begun}_{time.monotonic_ns()}"
-        job = Job(folder, python=(sys.executable, *bpy.app.python_args))
         source, settings = self.tasks[self._begun]
         self._begun += 1
-        try:
-            job.start(source.arrays, settings, previews=self.preview is not None)
-        except OSError as error:
-            self.refusals.append(f"'{source.name}': the solver's process could not be started ({error}).")
-        else:
-            self._job = job
+        self._job = Job((sys.executable, *bpy.app.python_args))
+        self._job.start(source.arrays, settings, previews=self.preview is not None)
 
     def _take_result(self, job: Job) -> None:
         source = self.tasks[self._begun - 1][0]

@@ -12,9 +12,8 @@ from sparse_surface.solver import Settings
 from sparse_surface.solver.fitting.batch import Problem, build_batch
 from sparse_surface.solver.fitting.dictionary import Dictionary
 from sparse_surface.solver.fitting.domain_energy import DomainEnergy, determinant
-from sparse_surface.solver.fitting.methods import augmented_lagrangian as paper_method
-from sparse_surface.solver.fitting.methods import fixed_domain as traditional
-from sparse_surface.solver.fitting.methods import variable_projection
+from sparse_surface.solver.fitting.methods import solver_of
+from sparse_surface.solver.patch_methods import METHODS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -117,23 +116,9 @@ def fit(patch: Patch, settings: Settings) -> Fitted:
     observed = (signals[corners, 0] * shares).sum(axis=1)[:, None]
     problem = Problem(patch.domain, patch.triangles, signals, corners, shares, observed, weights, settings.degree)
     begin = time.process_time()
-    own = settings.method == "default"
-    batch = build_batch([problem], turn=own)
+    batch = build_batch([problem], turn=METHODS[settings.method].turns_domain)
     dictionary = Dictionary(settings.degree, settings.basis)
-    if own:
-        solution = variable_projection.solve(
-            batch,
-            dictionary,
-            sparsity=settings.sparsity,
-            iterations=settings.iterations,
-            beta1=settings.beta1,
-            beta2=settings.beta2,
-            pursuit=settings.pursuit,
-        )
-    elif settings.method == "paper":
-        solution = paper_method.solve(batch, dictionary, settings)
-    else:
-        solution = traditional.solve(batch, dictionary, settings)
+    solution = solver_of(settings).solve(batch, dictionary, settings)
     seconds = time.process_time() - begin
     frame = batch.frames[0]
     back = frame.turn.T / frame.scale

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,6 @@ from ..patches.patches import build_patches
 from ..patches.splitting import with_domains
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
-from ..surface.assembly import channels_of
 from ..surface.creases import crease_edges
 from ..surface.metrics import (
     domain_jacobians,
@@ -38,6 +37,7 @@ from ..version import VERSION
 from .denoised import denoise_first
 from .oscillation import overshooting
 from .preview import Preview
+from .result import Approximation
 from .runner import Crew, crew_for
 from .sweeps import Blend, sweep
 from .tolerance import RefinedSurface, keep_tolerance
@@ -51,41 +51,6 @@ SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
 """The stages whose seconds stand in the report."""
-
-
-@dataclass(frozen=True)
-class Approximation:
-    """A mesh approximated by a sparse surface.
-
-    Attributes
-    ----------
-    vertices
-        The surface at the input's vertices, (V, 3), of the input's floating-point type.
-    error
-        Distance of each vertex from the input, (V,), scene units.
-    patch
-        Patch with the largest blending weight at each vertex, (V,); -1 where the input passes through.
-    domain_stretch
-        Anisotropy of the domain transformation on each input face, (F,).
-    report
-        Measures, counts and times; plain values only.
-    representation
-        What evaluates the surface anywhere.
-    history
-        The surface at the input's vertices after each iteration of the patches by themselves, (n, V, 3); None unless
-        `Settings.keep_iterations`.
-    creases
-        Edges that the optimisation treats as creases, pairs of vertices (E, 2); None unless `Settings.mark_creases`.
-    """
-
-    vertices: NDArray[np.floating[Any]]
-    error: Array
-    patch: NDArray[np.int32]
-    domain_stretch: Array
-    report: dict[str, Any]
-    representation: Representation
-    history: Array | None = None
-    creases: Indices | None = None
 
 
 class Stopwatch:
@@ -119,7 +84,12 @@ def approximate(
     executor: Executor | None = None,
     report: Callable[[Progress], str | None] | None = None,
 ) -> Approximation:
-    """Approximate a mesh by overlapping sparse patches over optimised domains (section 4).
+    """Approximate a mesh by overlapping sparse patches over optimised domains (sections 3 and 4).
+
+    Each patch minimises, over at most s coefficients c_j a coordinate and its planar domain U, with U0 the initial one,
+    sum_i |b_i - sum_j c_j p_j(u_i)|^2 + beta1 |U - U0|^2 + beta2 sum_t A_t ((s1 - 1)^2 + (s2 - 1)^2)  (eqs. 2 to 4),
+    where s1, s2 are the singular values of U0 -> U on triangle t.  The patches are averaged, and sweeps refit each to
+    what the others leave (eq. 6).
 
     Parameters
     ----------
@@ -146,6 +116,13 @@ def approximate(
     ------
     InputError
         When the mesh cannot be worked on, in one sentence.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import Settings, approximate
+    >>> result = approximate(vertices, faces, Settings(ring=4, degree=8))
+    >>> result.vertices.shape == vertices.shape, result.error.shape == (len(vertices),)
+    (True, True)
     """
     steps = approximate_steps(vertices, faces, settings, triangles=triangles, weights=weights, executor=executor)
     return run_to_end(steps, report)
@@ -244,7 +221,7 @@ def solve_patches(
     state = {"hurry": False}
 
     def tasks() -> Iterator[ChunkTask]:
-        for chunk in chunk_patches(surface.observations, np.arange(count), channels_of(settings)):
+        for chunk in chunk_patches(surface.observations, np.arange(count), settings.channels):
             yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
 
     shown = preview.of(surface, fits) if preview is not None else None
@@ -277,7 +254,7 @@ def steady_patches(
     if not swinging.any():
         return observations
     denser = observations.with_dense(swinging)
-    chunks = chunk_patches(denser, np.flatnonzero(swinging), channels_of(settings))
+    chunks = chunk_patches(denser, np.flatnonzero(swinging), settings.channels)
     for task, fitted in crew.run(chunk_task(denser, domains, settings, chunk) for chunk in chunks):
         for patch, fit in zip(task.patches, fitted, strict=True):
             fits[patch] = fit

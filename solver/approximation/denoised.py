@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..denoising import Denoised, denoise_steps
+from ..denoising.denoise import Denoised, denoise_steps
 from ..patches.observations import checked_weights
 from ..progress import FINISH, Progress, Steps, within
 from ..settings import Settings
 from ..surface.metrics import normal_error, statistics, surface_error
 
 if TYPE_CHECKING:
-    from .approximate import Approximation
+    from .result import Approximation
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import runs_of_rows
+from ..mesh.quadrics import quadric_terms
 
 if TYPE_CHECKING:
     from ..fitting.chunks import PatchFit
@@ -95,7 +96,7 @@ def quadrics(domains: Array, points: Array, offsets: NDArray[np.int64]) -> Array
     starts, sizes = offsets[:-1], np.diff(offsets)
     patch = np.repeat(np.arange(len(sizes)), sizes)
     u, v = _normalised(domains, starts, sizes).T
-    basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    basis = quadric_terms(u, v, axis=1)
     functions = basis.shape[1]
     gram = np.empty((len(sizes), functions, functions))
     right = np.empty((len(sizes), functions, 3))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..fitting.batch import Problem, WarmStart
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, problems_of
+from ..patch_methods import METHODS
 from ..patches.observations import Observations, PatchObservations
 from ..patches.patches import Patches
 from ..settings import Settings
@@ -96,9 +97,8 @@ def sweep(
     run
         Fits chunks, in order.
     """
-    channels = 3 if settings.domains == "separate" else 1
     for colour in colour_patches(blend.patches):
-        chunks = chunk_patches(blend.observations, colour, channels, PIECES)
+        chunks = chunk_patches(blend.observations, colour, settings.channels, PIECES)
         tasks = (sweep_task(blend, domains, fits, settings, chunk) for chunk in chunks)
         for task, fitted in run(tasks):
             for patch, fit in zip(task.patches, fitted, strict=True):
@@ -118,7 +118,7 @@ def sweep_task(blend: Blend, domains: Array, fits: list[PatchFit], settings: Set
     for k in map(int, chunk):
         own = blend.observations.of_patch(k)
         alone = problems_of(blend.observations, own, domains, settings, k)
-        problems += _against_remainder(blend, own, alone, fits[k], settings.method == "default")
+        problems += _against_remainder(blend, own, alone, fits[k], METHODS[settings.method].keeps_balance)
     return ChunkTask(chunk, problems, settings)
 
 

@@ -154,8 +154,7 @@ def _lay_over(
     observations = MeshObservations(mesh, new, own_weights, settings.blending, observation_weights, inside)
     domains = initial_domains(mesh, new, settings.initial_domain)
     fits: dict[int, PatchFit] = {}
-    channels = 3 if settings.domains == "separate" else 1
-    chunks = chunk_patches(observations, np.arange(len(new)), channels)
+    chunks = chunk_patches(observations, np.arange(len(new)), settings.channels)
     for task, fitted in run(chunk_task(observations, domains, settings, chunk) for chunk in chunks):
         fits.update(zip(map(int, task.patches), fitted, strict=True))
         share = (level - 1 + len(fits) / len(new)) / (len(LADDER) + 1)

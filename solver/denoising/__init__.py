@@ -1,6 +1,6 @@
-"""Denoising: the noise taken off a scanned mesh, its creases kept.
+"""Denoising: removing the noise of a scanned mesh while preserving its creases.
 
-Four steps, one module each:
+`denoise` runs four steps:
 
 1. `noise_level`: how large the noise is, from the mesh itself; a clean mesh is left alone.
 2. `normal_filter`: a bilateral filter makes the triangles' normals smooth enough to tell one side of a crease from the
@@ -9,7 +9,3 @@ Four steps, one module each:
    quadratic, fitted robustly to the noisy positions.
 4. `vertex_update`: every vertex moves to where the patches around it meet.
 """
-
-from .pipeline import Denoised, denoise, denoise_steps
-
-__all__ = ["Denoised", "denoise", "denoise_steps"]

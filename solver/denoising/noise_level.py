@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array
 
+from ..arrays import Array, Booleans
+from ..mesh.normals import normals_and_areas, unit
 from ..mesh.triangle_mesh import TriangleMesh
 from .normal_filter import filter_normals
-from .surface import Surface, normals_and_areas, unit
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
+from .surface import Surface
 
 FEWEST_VERTICES = 200
 """With fewer vertices away from borders and creases than this, noise cannot be told from shape."""
@@ -82,7 +80,7 @@ def mean_edge_length(mesh: TriangleMesh) -> float:
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()) if len(ends) else 0.0
 
 
-def _relief(mesh: TriangleMesh) -> Floats:
+def _relief(mesh: TriangleMesh) -> Array:
     """Twice-applied Laplacian along smoothed normals over its gain: noise of deviation 1 has deviation 1 here, (N,)."""
     positions = mesh.vertices[mesh.node_vertex] - mesh.vertices[mesh.node_vertex].mean(axis=0)
     valence = np.maximum(np.diff(mesh.adjacency.indptr), 1)
@@ -93,7 +91,7 @@ def _relief(mesh: TriangleMesh) -> Floats:
     return np.divide(along, gain, out=np.zeros_like(along), where=gain > 0)
 
 
-def _smoothed_normals(mesh: TriangleMesh) -> Floats:
+def _smoothed_normals(mesh: TriangleMesh) -> Array:
     triangles = mesh.nodes.copy()
     turned = mesh.winding < 0
     triangles[turned] = triangles[turned, ::-1]
@@ -104,7 +102,7 @@ def _smoothed_normals(mesh: TriangleMesh) -> Floats:
     return unit(around)
 
 
-def _beside_creases(mesh: TriangleMesh, normals: Floats) -> Booleans:
+def _beside_creases(mesh: TriangleMesh, normals: Array) -> Booleans:
     """Nodes that a crease is at most two edges away from, (N,): the reach of the twice-applied Laplacian."""
     one, two = mesh.edge_triangles.T
     sharp = (two >= 0) & ((normals[one] * normals[two]).sum(axis=1) < np.cos(_CREASE))
@@ -122,7 +120,7 @@ def _folded_share(mesh: TriangleMesh, surface: Surface) -> float:
     return float(np.mean((normals[one] * normals[two]).sum(axis=1) < 0)) if len(one) else 0.0
 
 
-def _unevenness(mesh: TriangleMesh, relief: Floats, chosen: Booleans) -> float:
+def _unevenness(mesh: TriangleMesh, relief: Array, chosen: Booleans) -> float:
     total, count = relief * chosen, chosen.astype(np.float64)
     reach = mesh.reach.astype(np.float64)
     for _ in range(_NEIGHBOURHOOD):
@@ -131,7 +129,7 @@ def _unevenness(mesh: TriangleMesh, relief: Floats, chosen: Booleans) -> float:
     return float(around.std() / around.mean()) if around.any() else np.inf
 
 
-def _clipped_deviation(magnitudes: Floats) -> float:
+def _clipped_deviation(magnitudes: Array) -> float:
     """Standard deviation of the noise among the magnitudes, of which a part is not noise but larger."""
     deviation = float(np.quantile(magnitudes, _LOW_SHARE)) / _LOW_QUANTILE
     for _ in range(50):

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from .surface import Surface, normals_and_areas, unit
-
-Floats = NDArray[np.float64]
+from ..arrays import Array
+from ..mesh.normals import normals_and_areas, unit
+from .surface import Surface
 
 _ITERATIONS = 3
 _WIDTH = 1.2  # of the deviation that the noise gives the difference of two normals
@@ -24,7 +24,7 @@ _WIDEST = 0.9
 _NARROWEST = 0.1
 
 
-def filter_normals(surface: Surface, vertices: Floats, noise_level: float) -> Floats:
+def filter_normals(surface: Surface, vertices: Array, noise_level: float) -> Array:
     """Return the triangles' normals, (T, 3), smoothed within the sides of creases.
 
     Parameters
@@ -50,7 +50,7 @@ def filter_normals(surface: Surface, vertices: Floats, noise_level: float) -> Fl
     return normals
 
 
-def smooth_normals(surface: Surface, vertices: Floats) -> Floats:
+def smooth_normals(surface: Surface, vertices: Array) -> Array:
     """Return the triangles' normals, (T, 3), averaged twice with those around, weighted with the areas."""
     normals, areas = normals_and_areas(vertices, surface.triangles)
     around = surface.around.astype(np.float64)
@@ -60,9 +60,7 @@ def smooth_normals(surface: Surface, vertices: Floats) -> Floats:
     return normals
 
 
-def _nearness(
-    vertices: Floats, surface: Surface, one: NDArray[np.integer[Any]], two: NDArray[np.integer[Any]]
-) -> Floats:
+def _nearness(vertices: Array, surface: Surface, one: NDArray[np.integer[Any]], two: NDArray[np.integer[Any]]) -> Array:
     """Gaussian of the distance of two triangles' centroids, its width the mean distance around each."""
     centroids = vertices[surface.triangles].mean(axis=1)
     distance = np.linalg.norm(centroids[one] - centroids[two], axis=1)
@@ -70,7 +68,7 @@ def _nearness(
     return np.exp(-(distance**2) / np.maximum(2 * mean[one] * mean[two], 1e-300))
 
 
-def _normal_deviation(surface: Surface, vertices: Floats, areas: Floats, noise_level: float) -> Floats:
+def _normal_deviation(surface: Surface, vertices: Array, areas: Array, noise_level: float) -> Array:
     """Deviation, (T,), that the noise of its corners gives a triangle's normal, the geometric mean around it.
 
     A triangle turns by the noise at a corner over the height there: its variance is the sum of the squared inverse

@@ -13,14 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Booleans, Indices
+from ..mesh.normals import unit
+from ..mesh.quadrics import quadric_terms
 from .patch_growth import Claims, GrowingPatches, agreeing_neighbours, chunk_size
-from .surface import Surface, unit
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+from .surface import Surface
 
 TERMS = 6  # 1, u, v, u^2, u v, v^2
 FEWEST_VERTICES = 8  # with fewer, or with less weight than that of so many, a quadratic says nothing
@@ -101,19 +99,19 @@ class Fits:
         Patches with enough vertices to say something, (P,).
     """
 
-    triangles: Integers
-    vertices: Integers
-    frames: Floats
-    lengths: Floats
-    coefficients: Floats
-    gram: Floats
-    variance: Floats
-    at_triangle: Floats
-    at_vertex: Floats
-    triangle_weights: Floats
-    vertex_weights: Floats
-    residuals: Floats
-    misfit: Floats
+    triangles: Indices
+    vertices: Indices
+    frames: Array
+    lengths: Array
+    coefficients: Array
+    gram: Array
+    variance: Array
+    at_triangle: Array
+    at_vertex: Array
+    triangle_weights: Array
+    vertex_weights: Array
+    residuals: Array
+    misfit: Array
     sound: Booleans
 
     def select(self, which: Booleans) -> Fits:
@@ -125,12 +123,12 @@ class Fits:
     def __len__(self) -> int:
         return len(self.triangles)
 
-    def spread(self, at: Floats) -> Floats:
+    def spread(self, at: Array) -> Array:
         """Return the variance of the heights at (u, v), (P, 2, N), for noise of variance 1, (P, N)."""
-        terms = quadratic_terms(at)
+        terms = _terms(at)
         return np.maximum(np.einsum("pin,pin->pn", self.variance @ terms, terms), 1e-12)
 
-    def normals(self, at: Floats) -> Floats:
+    def normals(self, at: Array) -> Array:
         """Return the quadratics' unit normals in space at (u, v), (P, 2, N): (P, N, 3)."""
         local = local_normals(at, self.coefficients, self.lengths)
         return local.transpose(0, 2, 1) @ self.frames.transpose(0, 2, 1)
@@ -151,7 +149,7 @@ class PatchFitter:
         How patches grow.
     """
 
-    def __init__(self, surface: Surface, vertices: Floats, guide: Floats, noise_level: float, rule: PatchRule) -> None:
+    def __init__(self, surface: Surface, vertices: Array, guide: Array, noise_level: float, rule: PatchRule) -> None:
         self.chunk = chunk_size(max(len(surface.triangles), len(vertices)))
         self._triangles, self._vertices, self._guide = surface.triangles, vertices, guide
         self._noise_level, self._rule = noise_level, rule
@@ -163,7 +161,7 @@ class PatchFitter:
         self._triangle_claims = Claims(self.chunk, len(surface.triangles))
         self._vertex_claims = Claims(self.chunk, len(vertices))
 
-    def fits(self, seeds: Integers) -> Iterator[Fits]:
+    def fits(self, seeds: Indices) -> Iterator[Fits]:
         """Yield the patches of at most `chunk` seeds, each at the largest size that the rule lets it have."""
         rule = self._rule
         growing = GrowingPatches(
@@ -200,7 +198,7 @@ class PatchFitter:
             agrees &= (moved < allowed) | ~smaller.sound
         return agrees
 
-    def _fit(self, seeds: Integers, active: Booleans, growing: GrowingPatches) -> Fits:
+    def _fit(self, seeds: Indices, active: Booleans, growing: GrowingPatches) -> Fits:
         """Fit the active patches as they have grown: weights from the guide first, then from the fit itself."""
         rows, members = growing.members(active)
         rows, seeds = (np.cumsum(active) - 1)[rows], seeds[active]
@@ -210,46 +208,41 @@ class PatchFitter:
         at_vertex, heights = self._local(vertices, self._vertices, seeds, frames)
         at_triangle, _ = self._local(triangles, self._centroids, seeds, frames)
         guide = (self._guide[triangles] @ frames).transpose(0, 2, 1)
-        terms = quadratic_terms(at_vertex)
+        terms = _terms(at_vertex)
         taper, ridge = _taper_and_ridge(at_vertex, vertices >= 0)
 
-        def weights(triangle_weights: Floats, vertex_weights: Floats) -> Floats:
+        def weights(triangle_weights: Array, vertex_weights: Array) -> Array:
             """A vertex counts as much as the triangles around it, and as itself."""
             each = np.repeat(triangle_weights[rows, columns], 3)
             pooled = np.bincount(corner_places, each, vertices.size).reshape(vertices.shape)
             return vertex_weights * pooled / np.maximum(pooled.max(axis=1, keepdims=True), 1e-300)
 
+        def likeness(coefficients: Array) -> Array:
+            return _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
+
         upright = np.array([0.0, 0.0, 1.0])[:, None]
         first = weights(_welsch(guide - upright, max(0.35, 1.5 * self._rule.normal_width)), taper)
         coefficients = _least_squares(terms, first, heights, ridge)[0]
         residuals = heights - _values(terms, coefficients)
-        like = _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
         near = _welsch(residuals[:, None], _RESIDUAL_WIDTH * self._noise_level)
-        final = weights(like, taper * near)
+        final = weights(likeness(coefficients), taper * near)
         coefficients, gram, regular = _least_squares(terms, final, heights, ridge)
         variance = _variance(terms, final, regular)
         coefficients = _shrink_curvature(coefficients, regular, variance * self._noise_level**2)
         residuals = heights - _values(terms, coefficients)
-        like = _welsch(local_normals(at_triangle, coefficients, lengths) - guide, self._rule.normal_width)
         effective, misfit = _quality(final, residuals / self._noise_level)
         return Fits(
-            triangles=triangles,
-            vertices=vertices,
-            frames=frames,
-            lengths=lengths,
-            coefficients=coefficients,
-            gram=gram,
-            variance=variance,
+            *(triangles, vertices, frames, lengths, coefficients, gram, variance),
             at_triangle=at_triangle,
             at_vertex=at_vertex,
-            triangle_weights=like * (triangles >= 0),
+            triangle_weights=likeness(coefficients) * (triangles >= 0),
             vertex_weights=final,
             residuals=residuals,
             misfit=misfit,
             sound=effective >= FEWEST_VERTICES,
         )
 
-    def _vertices_of(self, rows: Integers, triangles: Integers, count: int) -> tuple[Integers, Integers]:
+    def _vertices_of(self, rows: Indices, triangles: Indices, count: int) -> tuple[Indices, Indices]:
         """Return the patches' vertices, padded (P, L), and where in it (flattened) each triangle corner stands."""
         corner_rows = np.repeat(rows, 3)
         corners = self._triangles[triangles].ravel()
@@ -261,20 +254,19 @@ class PatchFitter:
         self._vertex_claims.clear()
         return vertices, corner_slots
 
-    def _local(self, members: Integers, positions: Floats, seeds: Integers, frames: Floats) -> tuple[Floats, Floats]:
+    def _local(self, members: Indices, positions: Array, seeds: Indices, frames: Array) -> tuple[Array, Array]:
         """Return (u, v), (P, 2, N), and heights, (P, N), of the members in their patches' frames."""
         local = (positions[members] - self._centroids[seeds][:, None]) @ frames
         at = local[..., :2].transpose(0, 2, 1) / self._unit_length[seeds][:, None, None]
         return at, np.ascontiguousarray(local[..., 2])
 
 
-def quadratic_terms(at: Floats) -> Floats:
-    """Return 1, u, v, u^2, u v, v^2 at (u, v), (P, 2, N): (P, 6, N)."""
-    u, v = at[:, 0], at[:, 1]
-    return np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=1)
+def _terms(at: Array) -> Array:
+    """Return the quadratic's terms at (u, v), (P, 2, N): (P, 6, N)."""
+    return quadric_terms(at[:, 0], at[:, 1], axis=1)
 
 
-def local_normals(at: Floats, coefficients: Floats, lengths: Floats) -> Floats:
+def local_normals(at: Array, coefficients: Array, lengths: Array) -> Array:
     """Return the quadratics' unit normals at (u, v), (P, 2, N), in their own frames: (P, 3, N)."""
     u, v = at[:, 0], at[:, 1]
     c = (coefficients / lengths[:, None])[..., None]
@@ -284,7 +276,7 @@ def local_normals(at: Floats, coefficients: Floats, lengths: Floats) -> Floats:
     return np.stack((-slope_u * upward, -slope_v * upward, upward), axis=1)
 
 
-def _padded(rows: Integers, members: Integers, count: int) -> tuple[Integers, Integers]:
+def _padded(rows: Indices, members: Indices, count: int) -> tuple[Indices, Indices]:
     """Return ragged members, sorted by row, as (count, K) padded with -1, and the column of each."""
     sizes = np.bincount(rows, minlength=count)
     columns = np.arange(len(rows)) - (np.cumsum(sizes) - sizes)[rows]
@@ -293,14 +285,14 @@ def _padded(rows: Integers, members: Integers, count: int) -> tuple[Integers, In
     return padded, columns
 
 
-def _frames(normals: Floats) -> Floats:
+def _frames(normals: Array) -> Array:
     """Return matrices whose columns are two tangents and the normal, (P, 3, 3)."""
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = unit(np.cross(normals, axis))
     return np.stack((first, np.cross(normals, first), normals), axis=2)
 
 
-def _taper_and_ridge(at: Floats, present: Booleans) -> tuple[Floats, Floats]:
+def _taper_and_ridge(at: Array, present: Booleans) -> tuple[Array, Array]:
     """Return weights that fall towards the rim, (P, L), and a slight ridge that suits the patches' extents, (P, 6)."""
     distance = np.where(present, at[:, 0] ** 2 + at[:, 1] ** 2, 0.0)
     taper = present * (1 - _RIM_TAPER * distance / np.maximum(distance.max(axis=1), 1e-300)[:, None])
@@ -309,20 +301,20 @@ def _taper_and_ridge(at: Floats, present: Booleans) -> tuple[Floats, Floats]:
     return taper, _RIDGE * _INVARIANT * orders
 
 
-def _welsch(differences: Floats, width: float) -> Floats:
+def _welsch(differences: Array, width: float) -> Array:
     """Robust weights from the lengths of differences, (P, d, N): (P, N)."""
     return np.exp(np.einsum("pdn,pdn->pn", differences, differences) / (-2 * width**2))
 
 
-def _values(terms: Floats, coefficients: Floats) -> Floats:
-    values: Floats = (coefficients[:, None] @ terms)[:, 0]
+def _values(terms: Array, coefficients: Array) -> Array:
+    values: Array = (coefficients[:, None] @ terms)[:, 0]
     return values
 
 
-def _least_squares(terms: Floats, weights: Floats, heights: Floats, ridge: Floats) -> tuple[Floats, Floats, Floats]:
+def _least_squares(terms: Array, weights: Array, heights: Array, ridge: Array) -> tuple[Array, Array, Array]:
     """Return the coefficients, (P, 6), and the Gram matrices without and with the ridge, (P, 6, 6)."""
     weighted = terms * weights[:, None]
-    gram: Floats = weighted @ terms.transpose(0, 2, 1)
+    gram: Array = weighted @ terms.transpose(0, 2, 1)
     # The least total keeps patches without weight solvable; they are not sound.
     scale = np.maximum(weights.sum(axis=1), 1e-6)[:, None]
     regular = gram + (ridge * scale)[:, :, None] * np.eye(TERMS)
@@ -330,15 +322,15 @@ def _least_squares(terms: Floats, weights: Floats, heights: Floats, ridge: Float
     return np.asarray(solved, dtype=np.float64), gram, regular
 
 
-def _variance(terms: Floats, weights: Floats, regular: Floats) -> Floats:
+def _variance(terms: Array, weights: Array, regular: Array) -> Array:
     """Return the coefficients' covariance for independent heights of variance 1, (P, 6, 6)."""
     weighted = terms * weights[:, None]
     inverse = np.asarray(np.linalg.inv(regular), dtype=np.float64)
-    variance: Floats = inverse @ (weighted @ weighted.transpose(0, 2, 1)) @ inverse
+    variance: Array = inverse @ (weighted @ weighted.transpose(0, 2, 1)) @ inverse
     return variance
 
 
-def _shrink_curvature(coefficients: Floats, gram: Floats, covariance: Floats) -> Floats:
+def _shrink_curvature(coefficients: Array, gram: Array, covariance: Array) -> Array:
     """Shrink the second-order terms by what noise alone explains of them; refit the others to that."""
     curvature = coefficients[:, 3:]
     explained = np.linalg.solve(covariance[:, 3:, 3:] + 1e-300 * np.eye(3), curvature[..., None])[..., 0]
@@ -349,7 +341,7 @@ def _shrink_curvature(coefficients: Floats, gram: Floats, covariance: Floats) ->
     return coefficients + np.concatenate((-others, change), axis=1)
 
 
-def _quality(weights: Floats, residuals: Floats) -> tuple[Floats, Floats]:
+def _quality(weights: Array, residuals: Array) -> tuple[Array, Array]:
     """Return how many vertices the weights are worth, and the mean squared residual by degree of freedom, (P,)."""
     total = np.maximum(weights.sum(axis=1), 1e-300)
     effective = total**2 / np.maximum((weights**2).sum(axis=1), 1e-300)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
+from ..mesh.normals import unit
 from .one_sided_patches import Fits
-from .surface import unit
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _BUFFER = 1 << 19  # entries that are summed up at once
 _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -21,18 +18,18 @@ class _Sums:
 
     def __init__(self, count: int, columns: int) -> None:
         self._sums = np.zeros((count, columns))
-        self._places: list[Integers] = []
-        self._rows: list[Floats] = []
+        self._places: list[Indices] = []
+        self._rows: list[Array] = []
         self._waiting = 0
 
-    def add(self, places: Integers, rows: Floats) -> None:
+    def add(self, places: Indices, rows: Array) -> None:
         self._places.append(places)
         self._rows.append(rows)
         self._waiting += len(places)
         if self._waiting > _BUFFER:
             self._flush()
 
-    def total(self) -> Floats:
+    def total(self) -> Array:
         self._flush()
         return self._sums
 
@@ -84,12 +81,12 @@ class PatchAverage:
         covered = fits.triangles[fits.triangle_weights > _CERTAIN]
         self.coverage += np.bincount(covered, minlength=len(self.coverage))
 
-    def normals(self, guide: Floats) -> Floats:
+    def normals(self, guide: Array) -> Array:
         """Return the triangles' averaged normals, (T, 3); the guide's where no patch says anything."""
         averaged = unit(self._normals.total())
         return np.where((averaged == 0).all(axis=1)[:, None], guide, averaged)
 
-    def planes(self) -> tuple[Floats, Floats, Floats]:
+    def planes(self) -> tuple[Array, Array, Array]:
         """Return what the vertices should satisfy in the mean.
 
         Returns

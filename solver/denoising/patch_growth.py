@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+from ..arrays import Array, Booleans, Indices
 
 _TABLE_ENTRIES = 1 << 24
 _MOST_RINGS = 3.0  # times the square root of the number of triangles
@@ -23,13 +20,13 @@ class Claims:
 
     def __init__(self, rows: int, columns: int) -> None:
         self._holder = np.full((rows, columns), -1, dtype=np.int32)
-        self._taken: list[tuple[Integers, Integers]] = []
+        self._taken: list[tuple[Indices, Indices]] = []
 
-    def free(self, rows: Integers, columns: Integers) -> Integers:
+    def free(self, rows: Indices, columns: Indices) -> Indices:
         """Return which of the given places are free."""
         return np.flatnonzero(self._holder[rows, columns] < 0)
 
-    def claim(self, rows: Integers, columns: Integers) -> Integers:
+    def claim(self, rows: Indices, columns: Indices) -> Indices:
         """Take places that are free, and return which of the given ones to keep: one for each place."""
         number = np.arange(len(rows), dtype=np.int32)
         self._holder[rows, columns] = number  # of several for one place the last remains
@@ -37,11 +34,11 @@ class Claims:
         self._taken.append((rows[one], columns[one]))
         return one
 
-    def number(self, rows: Integers, columns: Integers, numbers: Integers) -> None:
+    def number(self, rows: Indices, columns: Indices, numbers: Indices) -> None:
         """Give taken places numbers."""
         self._holder[rows, columns] = numbers
 
-    def numbers(self, rows: Integers, columns: Integers) -> Integers:
+    def numbers(self, rows: Indices, columns: Indices) -> Indices:
         """Return the numbers of places."""
         return self._holder[rows, columns].astype(np.int64)
 
@@ -52,7 +49,7 @@ class Claims:
         self._taken = []
 
 
-def agreeing_neighbours(neighbours: Integers, normals: Floats, least_cosine: float) -> Integers:
+def agreeing_neighbours(neighbours: Indices, normals: Array, least_cosine: float) -> Indices:
     """Return the neighbours across each side, (T, 3), -1 where the two normals differ by more than the given angle."""
     cosine = np.einsum("tc,tsc->ts", normals, normals[neighbours])
     return np.where((neighbours >= 0) & (cosine > least_cosine), neighbours, -1)
@@ -76,7 +73,7 @@ class GrowingPatches:
     """
 
     def __init__(
-        self, neighbours: Integers, normals: Floats, seeds: Integers, least_cosine: float, claims: Claims
+        self, neighbours: Indices, normals: Array, seeds: Indices, least_cosine: float, claims: Claims
     ) -> None:
         self._neighbours, self._normals, self._least_cosine, self._claims = neighbours, normals, least_cosine, claims
         self._seeds = seeds
@@ -96,7 +93,7 @@ class GrowingPatches:
         """
         rows, triangles = (part[wanted[self._waiting[0]]] for part in self._waiting)
         outer_rows, outer_triangles = (part[wanted[self._outermost[0]]] for part in self._outermost)
-        held: list[tuple[Integers, Integers]] = []
+        held: list[tuple[Indices, Indices]] = []
         while self._rings < _MOST_RINGS * np.sqrt(limit):
             next_rows, next_triangles = self._ring_after(outer_rows, outer_triangles)
             rows, triangles = np.concatenate((rows, next_rows)), np.concatenate((triangles, next_triangles))
@@ -113,14 +110,14 @@ class GrowingPatches:
         self._outermost = (outer_rows, outer_triangles)
         self._waiting = _joined([(rows, triangles), *held])
 
-    def members(self, wanted: Booleans) -> tuple[Integers, Integers]:
+    def members(self, wanted: Booleans) -> tuple[Indices, Indices]:
         """Return (patch, triangle) of the `wanted` patches, sorted by patch and, within it, from the seed outwards."""
         self._members = [_joined(self._members)]
         rows, triangles = (part[wanted[self._members[0][0]]] for part in self._members[0])
         order = np.argsort(rows, kind="stable")
         return rows[order], triangles[order]
 
-    def _ring_after(self, rows: Integers, triangles: Integers) -> tuple[Integers, Integers]:
+    def _ring_after(self, rows: Indices, triangles: Indices) -> tuple[Indices, Indices]:
         patch, triangle = np.repeat(rows, 3), self._neighbours[triangles].ravel()
         there = np.flatnonzero(triangle >= 0)
         patch, triangle = patch[there], triangle[there]
@@ -133,5 +130,5 @@ class GrowingPatches:
         return patch[one], triangle[one]
 
 
-def _joined(parts: list[tuple[Integers, Integers]]) -> tuple[Integers, Integers]:
+def _joined(parts: list[tuple[Indices, Indices]]) -> tuple[Indices, Indices]:
     return np.concatenate([rows for rows, _ in parts]), np.concatenate([columns for _, columns in parts])

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from ..arrays import Indices
 from ..mesh.triangle_mesh import TriangleMesh
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _CROWD = 64  # corners around a vertex beyond which its triangles count as neighbours only across edges
 
@@ -31,8 +27,8 @@ class Surface:
         Which triangles share a vertex, (T, T), without the triangle itself; the pattern counts, not the values.
     """
 
-    triangles: Integers
-    neighbours: Integers
+    triangles: Indices
+    neighbours: Indices
     around: csr_array
 
 
@@ -47,7 +43,7 @@ def build_surface(mesh: TriangleMesh) -> Surface:
     return Surface(triangles, neighbours, _around(mesh, neighbours))
 
 
-def _around(mesh: TriangleMesh, neighbours: Integers) -> csr_array:
+def _around(mesh: TriangleMesh, neighbours: Indices) -> csr_array:
     count = len(neighbours)
     crowded = np.diff(mesh.fan_offsets) > _CROWD
     corners = np.flatnonzero(~np.repeat(mesh.collapsed, 3) & ~crowded[mesh.nodes.ravel()])
@@ -61,23 +57,3 @@ def _around(mesh: TriangleMesh, neighbours: Integers) -> csr_array:
     apart = around.row != around.col
     ones = np.ones(int(apart.sum()), dtype=np.int8)
     return coo_array((ones, (around.row[apart], around.col[apart])), shape=(count, count)).tocsr()
-
-
-def normals_and_areas(vertices: Floats, triangles: Integers) -> tuple[Floats, Floats]:
-    """Return the unit normals, (T, 3), zero where a triangle has no area, and the areas, (T,)."""
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    crossed = np.asarray(np.cross(b - a, c - a), dtype=np.float64)
-    length = np.linalg.norm(crossed, axis=1)
-    return unit(crossed), 0.5 * length
-
-
-def vertex_normals(normals: Floats, triangles: Integers, vertex_count: int) -> Floats:
-    """Return the direction of the sum of the triangles' (weighted) normals at each vertex, (V, 3); zero where none."""
-    sums = [np.bincount(triangles.ravel(), np.repeat(normals[:, axis], 3), vertex_count) for axis in range(3)]
-    return unit(np.stack(sums, axis=1))
-
-
-def unit(vectors: Floats) -> Floats:
-    """Return the vectors at length 1; those without a length stay zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .surface import Surface, unit, vertex_normals
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
+from ..arrays import Array, Booleans
+from ..mesh.normals import normals_around, unit
+from .surface import Surface
 
 LARGEST_MOVE = 3.5  # noise levels
 
@@ -17,9 +15,7 @@ _ACROSS = 0.15  # resistance to sliding along the surface; what a crease of 60 d
 _FILLING_STEPS = 10
 
 
-def move_to_planes(
-    vertices: Floats, planes: tuple[Floats, Floats, Floats], directions: Floats, noise_level: float
-) -> Floats:
+def move_to_planes(vertices: Array, planes: tuple[Array, Array, Array], directions: Array, noise_level: float) -> Array:
     """Return the vertices moved onto the planes that patches give for them.
 
     Minimises over the move x: mean of (n . x - d)^2 over a vertex's planes, plus a small multiple of the square of the
@@ -49,9 +45,7 @@ def move_to_planes(
     return moved
 
 
-def fill_in(
-    vertices: Floats, moved: Floats, known: Booleans, surface: Surface, normals: Floats, limit: float
-) -> Floats:
+def fill_in(vertices: Array, moved: Array, known: Booleans, surface: Surface, normals: Array, limit: float) -> Array:
     """Move the vertices that no patch reached after their neighbours, towards the planes of the triangles around them.
 
     The ordinary vertex update (Sun, Rosin, Martin and Langbein, TVCG 2007), held to vertices beside known ones.
@@ -87,12 +81,12 @@ def fill_in(
     return result
 
 
-def update_directions(normals: Floats, areas: Floats, surface: Surface, vertex_count: int) -> Floats:
+def update_directions(normals: Array, areas: Array, surface: Surface, vertex_count: int) -> Array:
     """Return the unit normals of vertices, (V, 3), from the filtered normals of the triangles, (T, 3)."""
-    return vertex_normals(normals * np.sqrt(areas)[:, None], surface.triangles, vertex_count)
+    return normals_around(normals * np.sqrt(areas)[:, None], surface.triangles, vertex_count)
 
 
-def limited(moves: Floats, longest: float) -> Floats:
+def limited(moves: Array, longest: float) -> Array:
     """Return the moves, shortened to `longest` where they are longer."""
     length = np.linalg.norm(moves, axis=1, keepdims=True)
     return np.where(length > longest, unit(moves) * longest, moves)

@@ -1,11 +1,11 @@
-"""Like-sized patches padded to 3-D arrays, so that one NumPy call serves many of them.
+"""Patches of similar size padded to common 3-D arrays, so that one NumPy call serves many of them.
 
 A *problem* is a domain with the signals that share it: with common domains a patch is one problem with the signals x,
 y, z, with separate domains it is three problems with one signal each.  Every problem is moved and scaled, domain and
 values by the same factor, so that its initial domain lies in [-1, 1]^2.
 
 The function is observed at the patch's vertices and at its triangles' centroids, through the piecewise linear domain
-transformation: without the centroids the surface would oscillate between the vertices.
+transformation; without the centroids the surface would oscillate between the vertices.
 """
 
 from __future__ import annotations
@@ -17,19 +17,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
+from ..mesh.quadrics import quadric_terms
 from .domain_energy import DomainEnergy
 from .sparse_matrices import diagonal_blocks, for_both, in_single_precision
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Problem:
     """One domain with N observations of its D signals, in scene units.
 
-    Each observation lies somewhere in the domain's triangles: its parameters are a convex combination of those of three
-    vertices, whatever the domain becomes.
+    Each observation lies in one of the domain's triangles: its parameters are a fixed convex combination of those of
+    three vertices, however the domain changes.
 
     Attributes
     ----------
@@ -38,19 +37,19 @@ class Problem:
     triangles
         (t, 3), numbers of the patch's vertices.
     signals
-        The signals at the domain's vertices, (m, D); the problem's frame is taken from them.
+        Signals at the domain's vertices, (m, D), which determine the problem's frame.
     corners, shares
-        The vertices that each observation lies between, and its barycentric coordinates, (N, 3) both.
+        Vertices of the triangle of each observation, and its barycentric coordinates, (N, 3) both.
     values
         Observed signals, (N, D).
     weights
         Weights of the observations, (N,).
     degree
-        Highest total degree that this problem may use.
+        Highest total degree of this problem's functions.
     noise
-        Standard deviation of the observed signals, scene units: functions that explain no more than noise are not used.
+        Standard deviation of the signals' noise, scene units: functions that explain no more than noise are not used.
     warm
-        Where to start instead of the initial domain with a fresh choice of functions.
+        Earlier solution from which to start; None: the initial domain and a new choice of functions.
     """
 
     domain: Array
@@ -76,7 +75,7 @@ class WarmStart:
 
 @dataclass(frozen=True)
 class Frame:
-    """How a problem was moved, turned and scaled: domain = (u - centre) turn scale, values = (b - origin) scale."""
+    """How a problem is moved, turned and scaled: domain = (u - centre) turn scale, values = (b - origin) scale."""
 
     centre: Array
     turn: Array
@@ -84,7 +83,7 @@ class Frame:
     scale: float
 
     def put_in(self, domain: Array) -> Array:
-        """Parameters (N, 2) of the patch's own domain in this frame."""
+        """Parameters (N, 2), given in the patch's own domain, in this frame."""
         inside: Array = (domain - self.centre) @ self.turn * self.scale
         return inside
 
@@ -110,9 +109,9 @@ class Batch:
     noise
         Variance of the weighted observations, in the problems' frames, (B,).
     triangles
-        Of all the domains, numbers of the flattened vertices, (B t, 3).
+        Triangles of all domains, as numbers of the flattened vertices, (B t, 3).
     energy
-        Regularisation of all the domains, on the flattened vertices.
+        Regularisation of all domains, on the flattened vertices.
     observe, collect
         Sparse matrix W from vertices to observations, (B N, B m), for u and v at once, and its transpose.
     """
@@ -135,7 +134,7 @@ class Batch:
         return len(self.sizes)
 
     def only(self, which: Indices) -> Batch:
-        """Some of the problems as a batch of their own, padded as before."""
+        """The problems `which` as a batch of their own, padded as before."""
         start, faces = self.start[:, which], len(self.triangles) // self.problems
         moved = start.shape[2] * (np.arange(len(which)) - which)
         triangles = self.triangles.reshape(self.problems, faces, 3)[which] + moved[:, None, None]
@@ -164,12 +163,12 @@ class Batch:
         return (self.observe @ domain.ravel()).reshape(2, self.problems, -1)
 
     def collected(self, forces: Array) -> Array:
-        """W^T: sum what acts on observations (2, B, N) at the vertices, (2, B, m)."""
+        """Sum forces on the observations, (2, B, N), at the vertices, (2, B, m), by W^T."""
         return (self.collect @ forces.ravel()).reshape(2, self.problems, -1)
 
     @cached_property
     def single(self) -> SinglePrecision:
-        """What the Gauss-Newton systems need, in single precision."""
+        """The matrices of the Gauss-Newton systems, in single precision."""
         laplacian = in_single_precision(self.energy.laplacian())
         collect = in_single_precision(self.collect)
         squared = collect[: collect.shape[0] // 2, : collect.shape[1] // 2].copy()
@@ -207,7 +206,7 @@ class SinglePrecision:
 
 
 def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
-    """Pad problems to common sizes and put them in their frames, turned to their principal axes or not."""
+    """Pad problems to common sizes and transform them to their frames, turned to their principal axes if `turn`."""
     frames = [problem.warm.frame if problem.warm else frame_of(problem, turn) for problem in problems]
     count, most = len(problems), max(len(problem.domain) for problem in problems)
     faces = max(len(problem.triangles) for problem in problems)
@@ -241,7 +240,7 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
 
 
 def _weighted_noise(problem: Problem, frame: Frame) -> float:
-    """Variance that noise has along a function; functions have the weights' root, so the mean is weighted by them."""
+    """Variance of the noise along a weighted function: the mean over the observations, weighted by their weights."""
     total = float(problem.weights.sum())
     share = float((problem.weights**2).sum()) / total if total > 0.0 else 0.0
     return (problem.noise * frame.scale) ** 2 * share
@@ -259,7 +258,7 @@ def warm_starts(problems: list[Problem], start: Array) -> tuple[Array, Indices]:
 
 
 def frame_of(problem: Problem, turn: bool = True) -> Frame:
-    """Frame that puts a problem's initial domain into [-1, 1]^2, turned to the signals' principal directions or not."""
+    """Frame that puts a problem's initial domain into [-1, 1]^2, turned to the signals' principal axes if `turn`."""
     axes = principal_axes(problem.domain, problem.signals) if turn else np.eye(2)
     turned = problem.domain @ axes
     low, high = turned.min(axis=0), turned.max(axis=0)
@@ -271,29 +270,29 @@ def frame_of(problem: Problem, turn: bool = True) -> Frame:
 def principal_axes(domain: Array, values: Array) -> Array:
     """Rotation (2, 2) whose columns are the directions in which the signals bend most and least.
 
-    A quadratic is fitted to each signal; the axes are the eigenvectors of the sum of its squared Hessians.  Products of
-    one-variable polynomials represent a crease far more easily when it runs along an axis.
+    A quadratic is fitted to each signal; the axes are the eigenvectors of the sum of the squared Hessians.  Products of
+    one-variable polynomials need far fewer terms for a crease that runs along an axis.
     """
     centred = domain - domain.mean(axis=0)
     reach = np.abs(centred).max()
     if reach == 0.0:
         return np.eye(2)
     u, v = centred.T / reach
-    quadratic = np.linalg.lstsq(np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1), values, rcond=1e-8)[0]
+    quadratic = np.linalg.lstsq(quadric_terms(u, v, axis=1), values, rcond=1e-8)[0]
     hessians = np.array([[2 * quadratic[3], quadratic[4]], [quadratic[4], 2 * quadratic[5]]])
     _, axes = np.linalg.eigh(np.einsum("abd,bcd->ac", hessians, hessians))
     axes = axes[:, ::-1]
-    # Eigenvectors have no sign of their own: point the first one right, and keep the orientation.
+    # The sign of an eigenvector is arbitrary: point the first one right, and keep the orientation.
     if axes[0, 0] < 0.0 or (axes[0, 0] == 0.0 and axes[1, 0] < 0.0):
         axes = -axes
     if np.linalg.det(axes) < 0.0:
         axes[:, 1] = -axes[:, 1]
-    # The layout in memory decides how products are rounded; this one does not change on the way to another process.
+    # The memory layout decides how products are rounded; this one survives the transfer to another process.
     return np.ascontiguousarray(axes)
 
 
 def _observation_matrix(problems: list[Problem], vertices: int, observations: int) -> sp.csr_matrix:
-    """W of all problems, each padded to so many vertices and observations."""
+    """W of all problems, each padded to the given numbers of vertices and observations."""
     shares = np.zeros((len(problems), observations, 3))
     corners = np.zeros((len(problems), observations, 3), dtype=np.int64)
     for k, problem in enumerate(problems):

@@ -1,43 +1,39 @@
-"""Fitting chunks of patches: from patches with their domains to sparse coefficients, whatever the method.
+"""Fitting chunks of patches: from patches and their initial domains to sparse coefficients, by any method.
 
-A chunk is a pure function of its task, so it may run in any process, in any order, with the same result to the last
-bit.
+A chunk's fits are a pure function of its task: the same bytes in any process and in any order.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
+from ..arrays import Array, Indices
+from ..patch_methods import METHODS
 from ..patches.blending import fitting_weights
 from ..patches.observations import Observations, PatchObservations
+from ..processes.threads import one_thread
 from ..settings import Settings
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .dictionary import Dictionary
-from .methods import augmented_lagrangian, fixed_domain, variable_projection
+from .methods import solver_of
 from .solution import Solution
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 SWEEP_ITERATIONS = 3
-"""Steps that a patch takes when a sweep re-fits it."""
+"""Iterations when a sweep refits a patch."""
 
 CHUNK_PROBLEMS = 64
 CHUNK_SIZE = 7_500
-"""Most problems in a chunk, and most vertices and triangles of them: more would not fit into a processor's cache."""
+"""Largest number of problems in a chunk, and of their vertices and triangles: more would not fit into the cache."""
 
 TINY_CHUNK = 4
-"""Problems below which a chunk is not cut: with fewer, Python takes longer than the arithmetic."""
+"""Smallest number of problems for which a chunk is cut: with fewer, Python takes longer than the arithmetic."""
 
 
 @dataclass(frozen=True)
 class ChunkTask:
-    """What a worker needs to fit some patches.
+    """All that a worker needs to fit some patches.
 
     Attributes
     ----------
@@ -88,7 +84,7 @@ class PatchFit:
 
 
 def chunk_task(observations: Observations, domains: Array, settings: Settings, chunk: Indices) -> ChunkTask:
-    """Gather what fitting the patches `chunk` takes.
+    """Gather the task of fitting the patches `chunk`.
 
     Parameters
     ----------
@@ -106,10 +102,10 @@ def chunk_task(observations: Observations, domains: Array, settings: Settings, c
 
 
 def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1, pieces: int = 1) -> list[Indices]:
-    """Sort the patches `which` by size and cut them into chunks that fit into a processor's cache.
+    """Sort the patches `which` by size and cut them into chunks that fit into the cache.
 
-    With `pieces` they are at least so many, unless they would become tiny: others wait until all of them are done.
-    The number of workers plays no part, as a chunk's composition decides how sums are rounded.
+    There are at least `pieces` chunks, unless they would become tiny: what follows waits for all of them.  The number
+    of workers plays no part, as the composition of a chunk decides how sums are rounded.
     """
     most = min(CHUNK_PROBLEMS, max(TINY_CHUNK, -(-len(which) * problems_each // pieces)))
     size = observations.sizes[which]
@@ -127,7 +123,7 @@ def chunk_patches(observations: Observations, which: Indices, problems_each: int
 
 
 def patch_problems(observations: Observations, domains: Array, settings: Settings, patch: int) -> list[Problem]:
-    """Problems of one patch: a single one for x, y, z, or one for each."""
+    """Problems of one patch: one for x, y and z together, or one for each."""
     return problems_of(observations, observations.of_patch(patch), domains, settings, patch)
 
 
@@ -140,7 +136,7 @@ def problems_of(
     triangles = patches.triangles[slice(*patches.triangle_offsets[patch : patch + 2])]
     weights = fitting_weights(own.blending, own.weights, settings.blending)
     at_vertices, values = observations.vertices[patches.vertices[vertices]], observations.points[own.number]
-    degree = min(settings.degree, own.degree)
+    degree, each = min(settings.degree, own.degree), 3 // settings.channels
     return [
         Problem(
             domains[vertices],
@@ -153,23 +149,17 @@ def problems_of(
             degree,
             own.noise,
         )
-        for part in ([slice(0, 3)] if settings.domains == "common" else [slice(d, d + 1) for d in range(3)])
+        for part in (slice(first, first + each) for first in range(0, 3, each))
     ]
 
 
-@lru_cache(maxsize=1)
-def _thread_pools() -> ThreadpoolController:
-    """Libraries of this process that keep threads; looking for them takes longer than limiting them."""
-    return ThreadpoolController()
-
-
 def fit_chunk(task: ChunkTask) -> list[PatchFit]:
-    """Fit the patches of a chunk, on one thread; where memory does not suffice, half of them at a time.
+    """Fit the patches of a chunk on one thread; if memory runs out, half of them at a time.
 
     Raises
     ------
     MemoryError
-        When it does not suffice for a single patch, with a sentence that says so.
+        If it does not suffice for a single patch, with a sentence that says so.
     """
     fits = _fit_together(task)
     if fits is not None:
@@ -191,7 +181,7 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
 
 
 def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
-    """Fit all patches of a chunk in one batch; None where memory does not suffice, with nothing held any more."""
+    """Fit all patches of a chunk in one batch; None if memory runs out, with all of it released."""
     try:
         return _fit_batch(task)
     except MemoryError:
@@ -200,8 +190,8 @@ def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
 
 def _fit_batch(task: ChunkTask) -> list[PatchFit]:
     settings = task.settings
-    with _thread_pools().limit(limits=1, user_api="blas"):
-        batch = build_batch(task.problems, turn=settings.method == "default")
+    with one_thread():
+        batch = build_batch(task.problems, turn=METHODS[settings.method].turns_domain)
         # Functions are numbered by total degree, so a smaller dictionary has the same numbers.
         dictionary = Dictionary(min(settings.degree, int(batch.degrees.max())), settings.basis)
         solution = _solution(batch, dictionary, task)
@@ -215,36 +205,17 @@ def _fit_batch(task: ChunkTask) -> list[PatchFit]:
 
 
 def _solution(batch: Batch, dictionary: Dictionary, task: ChunkTask) -> Solution:
-    """From scratch, or on from an earlier solution, by the method of the settings."""
-    settings = task.settings
+    """Solve from scratch, or improve earlier solutions, by the method of the settings."""
+    solver, settings = solver_of(task.settings), task.settings
     if task.problems[0].warm is None:
-        if settings.method == "paper":
-            return augmented_lagrangian.solve(batch, dictionary, settings)
-        if settings.method == "traditional":
-            return fixed_domain.solve(batch, dictionary, settings)
-        return variable_projection.solve(
-            batch,
-            dictionary,
-            sparsity=settings.sparsity,
-            iterations=settings.iterations,
-            beta1=settings.beta1,
-            beta2=settings.beta2,
-            pursuit=settings.pursuit,
-            automatic_sparsity=settings.automatic_sparsity,
-            keep_values=settings.keep_iterations,
-        )
+        return solver.solve(batch, dictionary, settings)
     domain, support = warm_starts(task.problems, batch.start)
     iterations = min(SWEEP_ITERATIONS, settings.iterations)
-    if settings.method == "paper":
-        return augmented_lagrangian.improve(batch, dictionary, settings, domain, support, iterations)
-    if settings.method == "traditional":
-        return fixed_domain.improve(batch, dictionary, settings, support)
-    weights = variable_projection.final_weights(settings.iterations, settings.beta1, settings.beta2)
-    return variable_projection.improve(batch, dictionary, domain, support, iterations=iterations, weights=weights)
+    return solver.improve(batch, dictionary, settings, domain, support, iterations)
 
 
 def _patch_fit(batch: Batch, solution: Solution, fitted: Array, observations: int, part: slice) -> PatchFit:
-    """Take the problems `part`, one patch's, out of a batch and back to scene units; `fitted` is (B, D, N)."""
+    """Take the problems `part` of one patch out of a batch, in scene units; `fitted` is (B, D, N)."""
     size, frames, trace = batch.sizes[part.start], batch.frames[part], solution.trace
     initial, domain = (a[:, part, :size].transpose(1, 2, 0).copy() for a in (batch.start, solution.domain))
     scales = np.array([frame.scale for frame in frames])

@@ -1,26 +1,23 @@
 """Automatic sparsity: how many functions a signal needs, by cross-validation.
 
-A pursuit on part of the observations is judged on the rest of them, for every number of functions at once: the
-functions that a pursuit chooses are nested, so one Cholesky factor gives all the fits.  The idea is that of
-scikit-learn's `OrthogonalMatchingPursuitCV`, for many patches at once.
+A pursuit on part of the observations is judged on the held-out rest, for every number of functions at once: the choices
+of a pursuit are nested, so one Cholesky factor gives all the fits.  scikit-learn's `OrthogonalMatchingPursuitCV` does
+the same for a single signal.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Booleans, Indices
 from .pursuit import least_squares_pursuit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FOLDS = 5
 RIDGE = 1e-10
 
 
-def validated_sparsity(functions: Array, values: Array, most: int, allowed: NDArray[np.bool_]) -> Indices:
-    """Number of functions with the least error on observations that were held out.
+def validated_sparsity(functions: Array, values: Array, most: int, allowed: Booleans) -> Indices:
+    """Number k of functions with the least squared error on held-out observations, argmin_k sum_folds |b - h_k|^2.
 
     Parameters
     ----------
@@ -45,11 +42,9 @@ def validated_sparsity(functions: Array, values: Array, most: int, allowed: NDAr
     return error.argmin(axis=2) + 1
 
 
-def _held_out_error(
-    functions: Array, values: Array, most: int, allowed: NDArray[np.bool_], held_out: NDArray[np.bool_]
-) -> Array:
-    """Squared error on the observations held out for 1 .. `most` functions, (B, D, most)."""
-    # `compress` keeps the memory layout that matrix products need; indexing by a mask would not
+def _held_out_error(functions: Array, values: Array, most: int, allowed: Booleans, held_out: Booleans) -> Array:
+    """Squared error on the held-out observations with 1 .. `most` functions, (B, D, most)."""
+    # `compress` keeps the memory layout that matrix products need; indexing with a mask would not
     known, asked = np.compress(~held_out, functions, axis=2), np.compress(held_out, functions, axis=2)
     gram = np.matmul(known, known.transpose(0, 2, 1))
     correlation = np.matmul(np.compress(~held_out, values, axis=2), known.transpose(0, 2, 1))

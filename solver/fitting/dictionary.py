@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Array, Indices
 
 LEGENDRE_SUPPORT = 1.05
-"""Legendre polynomials are stretched to [-1.05, 1.05]: the optimised domain may leave [-1, 1] a little."""
+"""Legendre polynomials are stretched to [-1.05, 1.05], as the optimised domain may slightly leave [-1, 1]."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Dictionary:
     basis: str
 
     @cached_property
-    def degrees(self) -> NDArray[np.int64]:
+    def degrees(self) -> Indices:
         """Degrees (i, j) of the functions, (n, 2), ordered by total degree."""
         pairs = [(total - j, j) for total in range(self.degree + 1) for j in range(total + 1)]
         return np.array(pairs, dtype=np.int64)
@@ -53,7 +54,7 @@ class Dictionary:
             factors = [x if k == 1 else f"{x}^{k}" for k, x in ((i, "u"), (j, "v")) if k]
         return " ".join(factors) or "1"
 
-    def tables(self, parameter: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tables(self, parameter: Array) -> Array:
         """Values of the one-variable polynomials q_0 .. q_t.
 
         Parameters
@@ -67,7 +68,7 @@ class Dictionary:
             Shape (..., t + 1, N).
         """
         x = parameter / LEGENDRE_SUPPORT if self.basis == "legendre" else parameter
-        # The degree comes first in memory: every step of the recursion runs over one contiguous piece.
+        # The degree comes first in memory, so every step of the recursion runs over contiguous memory.
         table = np.empty((self.degree + 1, *x.shape))
         lower = np.empty_like(x)
         table[0] = 1.0
@@ -82,7 +83,7 @@ class Dictionary:
                 table[k + 1] -= lower
         return np.moveaxis(table, 0, -2)
 
-    def derivative_tables(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
+    def derivative_tables(self, table: Array) -> Array:
         """First derivatives of the one-variable polynomials, from their values.
 
         Parameters
@@ -108,11 +109,11 @@ class Dictionary:
         return slope
 
     @cached_property
-    def derivative_matrix(self) -> NDArray[np.float64]:
+    def derivative_matrix(self) -> Array:
         """First derivatives of the one-variable polynomials in terms of these polynomials, (t + 1, t + 1)."""
         return self.derivative_tables(np.eye(self.degree + 1))
 
-    def evaluate(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
+    def evaluate(self, domain: Array) -> Array:
         """Values of every function.
 
         Parameters
@@ -127,7 +128,7 @@ class Dictionary:
         """
         return self.products(*self.tables(domain))
 
-    def products(self, u_table: NDArray[np.float64], v_table: NDArray[np.float64]) -> NDArray[np.float64]:
+    def products(self, u_table: Array, v_table: Array) -> Array:
         """Values of every function, (..., n, N), from those of the one-variable polynomials, (..., t + 1, N) both."""
         values = np.empty((*u_table.shape[:-2], self.size, u_table.shape[-1]))
         for total in range(self.degree + 1):
@@ -136,9 +137,7 @@ class Dictionary:
             np.multiply(u_table[..., total::-1, :], v_table[..., : total + 1, :], out=same_total)
         return values
 
-    def sparse_values(
-        self, support: NDArray[np.int64], coefficients: NDArray[np.float64], domain: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def sparse_values(self, support: Indices, coefficients: Array, domain: Array) -> Array:
         """Values of sparse combinations of the functions.
 
         Parameters
@@ -157,19 +156,17 @@ class Dictionary:
         return combine(grid, self.tables(domain[0]), self.tables(domain[1]))
 
 
-def coefficient_grid(
-    degrees: NDArray[np.int64], support: NDArray[np.int64], coefficients: NDArray[np.float64], degree: int
-) -> NDArray[np.float64]:
+def coefficient_grid(degrees: Indices, support: Indices, coefficients: Array, degree: int) -> Array:
     """Spread sparse coefficients over the (t + 1) x (t + 1) grid of degrees (i, j).
 
-    With the grid C the function is h = sum_i q_i(u) (C q(v))_i: two small matrix products whatever was selected.
+    With the grid C the function is h = sum_i q_i(u) (C q(v))_i: two small matrix products for any selection.
 
     Parameters
     ----------
     degrees
         Degrees of the dictionary's functions, (n, 2).
     support
-        Selected functions, (..., s).  A function may stand twice; its coefficients add up.
+        Selected functions, (..., s).  If a function occurs twice, its coefficients add up.
     coefficients
         Their coefficients, (..., s).
     degree
@@ -188,9 +185,7 @@ def coefficient_grid(
     return grid.reshape(*support.shape[:-1], degree + 1, degree + 1)
 
 
-def combine(
-    grid: NDArray[np.float64], u_table: NDArray[np.float64], v_table: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def combine(grid: Array, u_table: Array, v_table: Array) -> Array:
     """Value of h = sum_ij C_ij q_i(u) q_j(v).
 
     Parameters
@@ -205,5 +200,5 @@ def combine(
     ndarray
         Shape (..., N).
     """
-    total: NDArray[np.float64] = np.einsum("...in,...in->...n", np.matmul(grid, v_table), u_table)
+    total: Array = np.einsum("...in,...in->...n", np.matmul(grid, v_table), u_table)
     return total

@@ -6,8 +6,8 @@ form
 
     (s1 - 1)^2 + (s2 - 1)^2 = |J|^2 + 2 - 2 sqrt((J11 + J22)^2 + (J12 - J21)^2),
 
-which is |J - R|^2 with R the rotation nearest to J (Liu et al. 2008, section 4.4); being signed it also resists flips.
-Domains are stored component first, (2, N): all u, then all v, of all patches of a batch behind each other.
+which is |J - R|^2 with R the rotation nearest to J (Liu et al. 2008, section 4.4).  As the values are signed, the term
+also resists flips.  Domains are stored component first, (2, N): all u, then all v, of all patches of a batch in a row.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from .sparse_matrices import for_both, rows_of_three, stacked
+from ..arrays import Array, Indices
+from .sparse_matrices import for_both, rows_of_three
 
 
 @dataclass(frozen=True)
 class DomainEnergy:
-    """Q1, Q2 and their derivatives on given triangulations; N vertices, T triangles, any number of patches at once.
+    """Q1, Q2 and their derivatives on given triangulations: N vertices and T triangles, of any number of patches.
 
     Attributes
     ----------
@@ -36,59 +36,59 @@ class DomainEnergy:
         Sparse (T, N): derivatives along u and v of a piecewise linear function on the initial domain.
     """
 
-    start: NDArray[np.float64]
-    area: NDArray[np.float64]
+    start: Array
+    area: Array
     along_u: sp.csr_matrix
     along_v: sp.csr_matrix
 
     @classmethod
-    def of(cls, start: NDArray[np.float64], triangles: NDArray[np.int64]) -> DomainEnergy:
+    def of(cls, start: Array, triangles: Indices) -> DomainEnergy:
         """Energy of transformations of the domain `start` (2, N) with `triangles` (T, 3).
 
-        Triangles without area (padding) weigh nothing and have a zero Jacobian.
+        Triangles without area (padding) have no weight and a zero Jacobian.
         """
         a, b, c = (start[:, triangles[:, k]] for k in range(3))
         doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         inverse = np.divide(1.0, doubled, out=np.zeros_like(doubled), where=doubled != 0.0)
-        # gradient of the hat function of a vertex: the opposite edge, turned by a right angle, over the doubled area
+        # gradient of a vertex's hat function: the opposite edge, turned by a right angle, over the doubled area
         opposite = np.stack([c - b, a - c, b - a], axis=-1)
         along_u = rows_of_three(-opposite[1] * inverse[:, None], triangles, start.shape[1])
         along_v = rows_of_three(opposite[0] * inverse[:, None], triangles, start.shape[1])
         return cls(start, np.abs(doubled) / 2.0, along_u, along_v)
 
-    def jacobian(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
+    def jacobian(self, domain: Array) -> Array:
         """Jacobian of the transformation U0 -> `domain` (2, N) on every triangle, (2, 2, T)."""
-        rows: NDArray[np.float64] = self._gradient @ domain.ravel()
+        rows: Array = self._gradient @ domain.ravel()
         return rows.reshape(2, 2, -1)
 
-    def proximity(self, domain: NDArray[np.float64]) -> NDArray[np.float64]:
+    def proximity(self, domain: Array) -> Array:
         """Q1 by vertex: squared distances from the initial domain, (N,)."""
-        distance: NDArray[np.float64] = ((domain - self.start) ** 2).sum(axis=0)
+        distance: Array = ((domain - self.start) ** 2).sum(axis=0)
         return distance
 
-    def rigidity(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rigidity(self, jacobian: Array) -> Array:
         """Q2 by triangle: area times |J - R|^2, (T,)."""
         norm = (jacobian**2).sum(axis=(0, 1))
         length = np.hypot(jacobian[0, 0] + jacobian[1, 1], jacobian[0, 1] - jacobian[1, 0])
         return self.area * np.maximum(norm + 2.0 - 2.0 * length, 0.0)
 
-    def rigidity_gradient(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rigidity_gradient(self, jacobian: Array) -> Array:
         """Gradient of the summed Q2 with respect to the domain, (2, N): 2 D^T A (J - R)."""
         force = 2.0 * self.area * (jacobian - nearest_rotation(jacobian))
-        summed: NDArray[np.float64] = self._divergence @ force.ravel()
+        summed: Array = self._divergence @ force.ravel()
         return summed.reshape(2, -1)
 
     @cached_property
     def _gradient(self) -> sp.csr_matrix:
         """Derivatives along u and v of both coordinates, (4 T, 2 N)."""
-        return for_both(stacked(self.along_u, self.along_v))
+        return for_both(sp.vstack([self.along_u, self.along_v], format="csr"))
 
     @cached_property
     def _divergence(self) -> sp.csr_matrix:
         return self._gradient.T.tocsr()
 
     def laplacian(self) -> sp.csr_matrix:
-        """Half the Hessian of Q2 with the rotations held: the area-weighted Laplacian of the initial domain, (N, N)."""
+        """Half the Hessian of Q2 with the rotations held: the cotangent Laplacian of the initial domain, (N, N)."""
         triangles = self.along_u.indices.reshape(-1, 3)
         u, v = self.along_u.data.reshape(-1, 3), self.along_v.data.reshape(-1, 3)
         entries = self.area[:, None, None] * (u[:, :, None] * u[:, None, :] + v[:, :, None] * v[:, None, :])
@@ -97,8 +97,8 @@ class DomainEnergy:
         return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
 
 
-def nearest_rotation(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotations nearest to the matrices `jacobian` (2, 2, T); the identity where every rotation is as near."""
+def nearest_rotation(jacobian: Array) -> Array:
+    """Rotations nearest to the matrices `jacobian` (2, 2, T); the identity where all rotations are equally near."""
     cosine = jacobian[0, 0] + jacobian[1, 1]
     sine = jacobian[1, 0] - jacobian[0, 1]
     length = np.hypot(cosine, sine)
@@ -108,15 +108,13 @@ def nearest_rotation(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
-def determinant(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+def determinant(jacobian: Array) -> Array:
     """Determinants of the matrices (2, 2, T), (T,)."""
-    value: NDArray[np.float64] = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
+    value: Array = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
     return value
 
 
-def largest_step(
-    jacobian: NDArray[np.float64], change: NDArray[np.float64], floor: float | NDArray[np.float64]
-) -> NDArray[np.float64]:
+def largest_step(jacobian: Array, change: Array, floor: float | Array) -> Array:
     """Largest a >= 0 such that det(J + x dJ) stays at or above `floor` for all x in [0, a].
 
     The determinant is a quadratic in x, so the answer is exact.

@@ -1,22 +1,19 @@
-"""What every patch solver returns: domains, sparse coefficients, and what happened on the way."""
+"""What every patch solver returns: domains, sparse coefficients, and a trace of the iterations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from .batch import Batch
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from .dictionary import Dictionary
 
 
 @dataclass
 class Trace:
-    """What a solver notes after each of its iterations; with none, of its start.
+    """What a solver notes after each iteration, or of its start where it makes none.
 
     Attributes
     ----------
@@ -42,10 +39,13 @@ class Trace:
         batch: Batch,
         energy: Array,
         residual: Array,
-        values: Callable[[], Array],
+        dictionary: Dictionary,
+        support: Indices,
+        coefficients: Array,
+        domain: Array,
         which: Indices | None = None,
     ) -> None:
-        """Write down an iterate.
+        """Record an iterate.
 
         Parameters
         ----------
@@ -55,19 +55,21 @@ class Trace:
             (B,).
         residual
             Weighted misfit at the observations, (B, D, N).
-        values
-            Gives the fitted values at the vertices, (B, D, m); called only where they are kept.
+        dictionary, support, coefficients
+            The fitted functions, (B, D, s); evaluated only where values are kept.
+        domain
+            (2, B, m).
         which
-            The problems' numbers among those of the trace, all where None; the others stay as they were noted last.
+            The problems' numbers among those of the trace, all where None; the others keep their last entries.
         """
         misfit = np.divide(residual, batch.root_weights, out=np.zeros_like(residual), where=batch.root_weights > 0.0)
         _append(self.energy, energy, which)
         _append(self.squared_error, np.einsum("bdn,bdn->b", misfit, misfit), which)
         if self.keep_values:
-            _append(self.values, values(), which)
+            _append(self.values, dictionary.sparse_values(support, coefficients, domain[:, :, None]), which)
 
     def hold(self, iterations: int) -> None:
-        """Have an entry for each iteration, though nothing has moved since the last one that was noted."""
+        """Repeat the last entry until there is one for each iteration."""
         for history in (self.energy, self.squared_error, self.values):
             history += history[-1:] * (iterations - len(history))
 
@@ -82,7 +84,7 @@ def _append(history: list[Array], new: Array, which: Indices | None) -> None:
 
 
 def summed_histories(histories: list[Array]) -> Array:
-    """Sum what patches noted after each iteration; one that ended earlier stays at its last entry."""
+    """Sum the patches' histories, (n,); a shorter one counts with its last entry from then on."""
     count = max((len(history) for history in histories), default=0)
     total = np.zeros(count)
     for history in histories:
@@ -101,7 +103,7 @@ class Solution:
     support, coefficients
         (B, D, s); support -1 and coefficient zero where fewer functions are used.
     trace
-        The way to them.
+        What was noted after each iteration.
     """
 
     domain: Array

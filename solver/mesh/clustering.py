@@ -8,13 +8,10 @@ for rendering complex scenes", 1993).  It is quick and keeps places, not topolog
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .grid_cells import one_in_each_cell, one_number
-from .triangulation import triangle_areas
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from ..arrays import Array, Indices
+from .normals import triangle_areas
 
 SAMPLE = 100_000
 """From so many triangles the area is estimated, for which the memory of a large mesh is not walked through."""
@@ -23,7 +20,7 @@ MARGIN = 1.05
 """By so much more than seems needed a cube grows, in length, where there are too many triangles still."""
 
 
-def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integers, Integers]:
+def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Indices, Indices]:
     """Return a coarser mesh on some of the vertices.
 
     Parameters
@@ -59,7 +56,7 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Integ
         side *= MARGIN * np.sqrt(len(coarse) / most)
 
 
-def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:
+def _clusters(places: Array, side: float) -> tuple[Indices, Indices]:
     """Return the vertex that is kept of each occupied cube, (W,), in ascending order, and each vertex's row, (V,)."""
     nearest, number = one_in_each_cell(places, side)
     order = np.argsort(nearest)
@@ -68,9 +65,43 @@ def _clusters(places: Floats, side: float) -> tuple[Integers, Integers]:
     return nearest[order], row[number]
 
 
-def _each_once(corners: Integers) -> Integers:
+def _each_once(corners: Indices) -> Indices:
     """Return the triangles with three different corners, each once in whatever order its corners are, (S, 3)."""
     ordered = np.sort(corners, axis=1)
     proper = (ordered[:, 0] < ordered[:, 1]) & (ordered[:, 1] < ordered[:, 2])
     _, first = np.unique(one_number(ordered[proper]), return_index=True)
     return corners[proper][np.sort(first)]
+
+
+def one_in_each_cell(points: Array, cell: float) -> tuple[Indices, Indices]:
+    """Choose in each cell of a grid the point that is nearest to the mean there.
+
+    Parameters
+    ----------
+    points
+        (n, 3), at least one.
+    cell
+        Length of a cell's sides.
+
+    Returns
+    -------
+    chosen : (W,) integers
+        Which points are chosen, in the order of the cells.
+    number : (n,) integers
+        Each point's cell, as a row of `chosen`.
+    """
+    cells = np.floor(points / cell).astype(np.int64)
+    _, number, count = np.unique(one_number(cells - cells.min(axis=0)), return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(number, weights=column) for column in points.T], axis=1) / count[:, None]
+    order = np.lexsort((((points - means[number]) ** 2).sum(axis=1), number))
+    return order[np.cumsum(count) - count], number
+
+
+def one_number(rows: Indices) -> Indices:
+    """Return a number for each row of three that are not negative, (n,), which come in the order of the rows."""
+    if not len(rows):
+        return np.arange(0)
+    widths = [int(width) for width in rows.max(axis=0) + 1]
+    if widths[0] * widths[1] * widths[2] >= 2**63:
+        return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+    return (rows[:, 0] * widths[1] + rows[:, 1]) * widths[2] + rows[:, 2]

@@ -9,108 +9,20 @@ neighbours.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from ..arrays import Array, Booleans, Indices
+from .closest_points import Footpoints, closest_points, interpolate
+from .normals import face_normals, unit
 from .triangle_mesh import TriangleMesh
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
-
-FIRST_CANDIDATES = 8
-PAIRS_AT_ONCE = 1_000_000
 WALK_STEPS = 24
 LONGEST_DETOUR = 3.0
 """A projection along normals may be so many times longer than the way to the closest point, plus a mean edge."""
 
 
-@dataclass(frozen=True)
-class Footpoints:
-    """Where N points lie on a mesh.
-
-    Attributes
-    ----------
-    triangle
-        (N,).
-    barycentric
-        (N, 3), in [0, 1], one in sum.
-    """
-
-    triangle: Indices
-    barycentric: Array
-
-    def on(self, vertices: Array, triangles: Indices) -> Array:
-        """Positions on a mesh of these triangles, (N, 3)."""
-        return interpolate(vertices, triangles[self.triangle], self.barycentric)
-
-
-def interpolate(values: Array, corners: Indices, barycentric: Array) -> Array:
-    """Values (V, D) between the corners (N, 3) of triangles, (N, D)."""
-    result: Array = (values[corners] * barycentric[:, :, None]).sum(axis=1)
-    return result
-
-
-def closest_points(points: Array, vertices: Array, triangles: Indices) -> Footpoints:
-    """Closest point of a triangle mesh for each of the points (N, 3); exact.
-
-    Triangles are tried in the order of their centroids' distances; as no point of a triangle is farther from its
-    centroid than the largest circumscribed radius, the search knows when no other triangle can be closer.
-    """
-    ends = vertices[triangles]
-    centroids = ends.mean(axis=1)
-    largest = float(np.linalg.norm(ends - centroids[:, None], axis=2).max())
-    tree = cKDTree(centroids)
-    best = np.full(len(points), np.inf)
-    triangle = np.zeros(len(points), dtype=np.int64)
-    barycentric = np.zeros((len(points), 3))
-    pending, tried, wanted = np.arange(len(points)), 0, min(FIRST_CANDIDATES, len(triangles))
-    while len(pending):
-        still = []
-        for part in np.array_split(pending, max(1, -(-len(pending) * wanted // PAIRS_AT_ONCE))):
-            distance, candidates = tree.query(points[part], k=list(range(tried + 1, wanted + 1)))
-            for column in candidates.T:
-                shares = closest_on_triangle(points[part], ends[column])
-                apart = np.linalg.norm((ends[column] * shares[:, :, None]).sum(axis=1) - points[part], axis=1)
-                closer = apart < best[part]
-                where = part[closer]
-                best[where], triangle[where], barycentric[where] = apart[closer], column[closer], shares[closer]
-            still.append(part[distance[:, -1] - largest < best[part]])
-        pending = np.concatenate(still) if wanted < len(triangles) else pending[:0]
-        tried, wanted = wanted, min(2 * wanted, len(triangles))
-    return Footpoints(triangle, barycentric)
-
-
-def closest_on_triangle(points: Array, ends: Array) -> Array:
-    """Barycentric coordinates (N, 3) of the closest point of one triangle (N, 3, 3) for each point (N, 3).
-
-    The closest point lies inside, or on the closest of the three sides.
-    """
-    sides = np.roll(ends, -1, axis=1) - ends
-    squared = (sides**2).sum(axis=2)
-    along = ((points[:, None] - ends) * sides).sum(axis=2)
-    share = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0.0), 0.0, 1.0)
-    on_side = ends + share[:, :, None] * sides
-    nearest = ((on_side - points[:, None]) ** 2).sum(axis=2).argmin(axis=1)
-    row = np.arange(len(points))
-    result = np.zeros((len(points), 3))
-    result[row, nearest] = 1.0 - share[row, nearest]
-    result[row, (nearest + 1) % 3] = share[row, nearest]
-    normal = np.cross(sides[:, 0], sides[:, 1])
-    area = (normal**2).sum(axis=1)
-    inside = np.stack(
-        [(np.cross(sides[:, (k + 1) % 3], points - ends[:, (k + 1) % 3]) * normal).sum(axis=1) for k in range(3)],
-        axis=1,
-    )
-    within = (inside >= 0.0).all(axis=1) & (area > 0.0)
-    result[within] = inside[within] / inside[within].sum(axis=1, keepdims=True)
-    return result
-
-
-def vertex_normals(mesh: TriangleMesh, smoothing: int = 1) -> Array:
+def smoothed_normals(mesh: TriangleMesh, smoothing: int = 1) -> Array:
     """Unit normals of the vertices, (V, 3): of the adjacent triangles weighted with their angles, then averaged with
     neighbours.
 
@@ -118,20 +30,19 @@ def vertex_normals(mesh: TriangleMesh, smoothing: int = 1) -> Array:
     """
     ends = mesh.vertices[mesh.triangles]
     turn = np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
-    crossed = np.asarray(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), dtype=np.float64)
-    normals = turn * _unit(crossed)
+    normals = turn * face_normals(mesh.vertices, mesh.triangles)
     total = np.zeros_like(mesh.vertices)
     for corner in range(3):
-        one = _unit(ends[:, (corner + 1) % 3] - ends[:, corner])
-        two = _unit(ends[:, (corner + 2) % 3] - ends[:, corner])
+        one = unit(ends[:, (corner + 1) % 3] - ends[:, corner])
+        two = unit(ends[:, (corner + 2) % 3] - ends[:, corner])
         angle = np.arccos(np.clip((one * two).sum(axis=1), -1.0, 1.0))
         np.add.at(total, mesh.triangles[:, corner], angle[:, None] * normals)
-    total = _unit(total)
+    total = unit(total)
     start, end = np.concatenate([mesh.node_vertex[mesh.edges], mesh.node_vertex[mesh.edges[:, ::-1]]]).T
     for _ in range(smoothing):
         around = total.copy()
         np.add.at(around, start, total[end] / 3.0)
-        total = _unit(around)
+        total = unit(around)
     return total
 
 
@@ -141,7 +52,7 @@ def project(points: Array, mesh: TriangleMesh) -> Footpoints:
     """
     start = closest_points(points, mesh.vertices, mesh.triangles)
     nearest = np.linalg.norm(start.on(mesh.vertices, mesh.triangles) - points, axis=1)
-    normals = vertex_normals(mesh)
+    normals = smoothed_normals(mesh)
 
     def misses(which: Indices, feet: Footpoints) -> tuple[Array, Array]:
         corners = mesh.triangles[feet.triangle]
@@ -258,8 +169,3 @@ def _least_squares(matrices: Array, right: Array) -> Array:
     target = np.matmul(matrices.swapaxes(1, 2), right[:, :, None])
     solution: Array = np.linalg.solve(normal, target)[:, :, 0]
     return solution
-
-
-def _unit(vectors: Array) -> Array:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)

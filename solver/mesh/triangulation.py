@@ -6,18 +6,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import offsets_of
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+from ..arrays import Array, Booleans, Indices, offsets_of
 
 _CLEARLY_WORSE = 0.25  # the first diagonal of a quad is left when its smaller triangle is this much smaller
 
 
-def triangulate(points: Floats, corners: Integers, offsets: Integers) -> tuple[Integers, Integers]:
+def triangulate(points: Array, corners: Indices, offsets: Indices) -> tuple[Indices, Indices]:
     """Split polygons into triangles without new vertices.
 
     A corner that repeats the one before it is skipped; a polygon with fewer than three corners left has no triangle.
@@ -49,13 +44,7 @@ def triangulate(points: Floats, corners: Integers, offsets: Integers) -> tuple[I
     return np.concatenate(parts)[order], polygon[order]
 
 
-def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
-    """Return the area of each triangle, (T,), in squared scene units."""
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-
-def _without_repeats(corners: Integers, offsets: Integers) -> tuple[Integers, Integers]:
+def _without_repeats(corners: Indices, offsets: Indices) -> tuple[Indices, Indices]:
     previous = np.roll(corners, 1)
     previous[offsets[:-1]] = corners[offsets[1:] - 1]
     keep = corners != previous
@@ -64,7 +53,7 @@ def _without_repeats(corners: Integers, offsets: Integers) -> tuple[Integers, In
     return corners[keep], offsets_of(np.add.reduceat(keep.astype(np.int64), offsets[:-1]))
 
 
-def _split_equal(polygons: Floats) -> Integers:
+def _split_equal(polygons: Array) -> Indices:
     """Return the triangles, (F, n - 2, 3) local corners, of polygons with the same number of corners, (F, n, 3)."""
     size = polygons.shape[1]
     if size == 3:
@@ -80,20 +69,20 @@ def _split_equal(polygons: Floats) -> Integers:
     return result
 
 
-def newell_normals(polygons: Floats) -> Floats:
+def newell_normals(polygons: Array) -> Array:
     """Return the unnormalised area vectors (twice the area) of polygons (F, n, 3) by Newell's formula."""
     centred = polygons - polygons.mean(axis=1, keepdims=True)
-    normal: Floats = np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
+    normal: Array = np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
     return normal
 
 
-def _signed_areas(polygons: Floats, triangles: Integers, normals: Floats) -> Floats:
+def _signed_areas(polygons: Array, triangles: Indices, normals: Array) -> Array:
     a, b, c = (polygons[:, triangles[:, i]] for i in range(3))
-    areas: Floats = (np.cross(b - a, c - a) * normals[:, None]).sum(axis=2)
+    areas: Array = (np.cross(b - a, c - a) * normals[:, None]).sum(axis=2)
     return areas
 
 
-def _split_quads(quads: Floats) -> Integers:
+def _split_quads(quads: Array) -> Indices:
     first = np.array([[0, 1, 2], [0, 2, 3]])
     second = np.array([[0, 1, 3], [1, 2, 3]])
     normals = newell_normals(quads)
@@ -117,7 +106,7 @@ def _balanced_triangles(size: int) -> list[tuple[int, int, int]]:
     return triangles
 
 
-def _in_plane(polygon: Floats, normal: Floats) -> Floats:
+def _in_plane(polygon: Array, normal: Array) -> Array:
     """Project a polygon (n, 3) on the plane of its normal, (n, 2), counter-clockwise."""
     length = np.linalg.norm(normal)
     if length == 0.0:
@@ -128,11 +117,11 @@ def _in_plane(polygon: Floats, normal: Floats) -> Floats:
         first = np.cross(helper, unit)
         first /= np.linalg.norm(first)
         axes = np.stack((first, np.cross(unit, first)))
-    flat: Floats = (polygon - polygon.mean(axis=0)) @ axes.T
+    flat: Array = (polygon - polygon.mean(axis=0)) @ axes.T
     return flat
 
 
-def clip_ears(polygon: Floats) -> Integers:
+def clip_ears(polygon: Array) -> Indices:
     """Triangulate one planar polygon by ear clipping.
 
     Corners at the same place (bridges to holes) are allowed.  Where no proper ear is left (the polygon crosses
@@ -163,15 +152,15 @@ class _Corners:
     found inside of what would be an ear, or -1.
     """
 
-    places: Floats
-    left: Integers
-    right: Integers
+    places: Array
+    left: Indices
+    right: Indices
     alive: Booleans
-    turn: Floats
-    blocker: Integers
+    turn: Array
+    blocker: Indices
 
     @classmethod
-    def of(cls, places: Floats) -> _Corners:
+    def of(cls, places: Array) -> _Corners:
         number = np.arange(len(places))
         left, right = np.roll(number, 1), np.roll(number, -1)
         turn = _turn(places[left], places, places[right])
@@ -215,13 +204,13 @@ class _Corners:
         self.blocker[ends] = -1
         return before, ear, after
 
-    def _shape(self, ears: Integers) -> Floats:
+    def _shape(self, ears: Indices) -> Array:
         a, b, c = self.places[self.left[ears]], self.places[ears], self.places[self.right[ears]]
         longest = np.max([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-        shape: Floats = self.turn[ears] / np.maximum(longest, np.finfo(np.float64).tiny)
+        shape: Array = self.turn[ears] / np.maximum(longest, np.finfo(np.float64).tiny)
         return shape
 
-    def _find_blocker(self, ear: int, reflex: Integers) -> int:
+    def _find_blocker(self, ear: int, reflex: Indices) -> int:
         """Return a reflex corner in the triangle or on its border, or -1; corners at its own places do not count.
 
         The reflex corners are sorted by x, so that only those between the triangle's ends need a look.
@@ -235,7 +224,7 @@ class _Corners:
         return int(near[np.argmax(inside)]) if inside.any() else -1
 
 
-def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
+def _turn(a: Array, b: Array, c: Array) -> Array:
     one, two = b - a, c - b
-    turn: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
+    turn: Array = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
     return turn

@@ -8,8 +8,8 @@ sum.  The blended surface is then continuous everywhere.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..mesh.triangle_mesh import TriangleMesh
 from .patches import Patches
 
@@ -23,7 +23,7 @@ PLATEAU = 0.05
 """Share of weight that a patch's fit gives to points which blending ignores."""
 
 
-def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray[np.float64]:
+def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> Array:
     """Weight of each patch at each of its vertices, phi_k(p), (M,).
 
     Parameters
@@ -44,7 +44,7 @@ def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> NDArray
     return np.divide(raw, total[patches.vertices], out=np.zeros_like(raw), where=raw > 0.0)
 
 
-def fitting_weights(blending: NDArray[np.float64], weights: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+def fitting_weights(blending: Array, weights: Array, kind: str) -> Array:
     """Weights with which one patch is fitted: those that it has in the blend.
 
     The rim has no weight after blending, so it need not be fitted well: w = w0 (phi^2 + 0.05), rescaled to the sum of
@@ -63,5 +63,5 @@ def fitting_weights(blending: NDArray[np.float64], weights: NDArray[np.float64],
         return weights
     fitted = weights * (blending**2 + PLATEAU)
     total = fitted.sum()
-    scaled: NDArray[np.float64] = fitted * (weights.sum() / total) if total > 0.0 else fitted
+    scaled: Array = fitted * (weights.sum() / total) if total > 0.0 else fitted
     return scaled

@@ -7,17 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import row_positions
+from ..arrays import Booleans, Indices, row_positions
 from ..mesh.triangle_mesh import TriangleMesh
-
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _FAR = np.iinfo(np.int64).max
 _ONE_AT_A_TIME = 32  # beyond this many hops centres are so few that each is placed by itself
 
 
-def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -> Integers:
+def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -> Indices:
     """Choose centres so that each wanted node lies in the (ring - 1)-ring of one of them.
 
     Farthest-point sampling in edge hops: the next centre is always a node at the greatest distance from all centres.
@@ -58,14 +55,14 @@ def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -
         _lower(distance, offsets, neighbours, centres)
 
 
-def hops_from(mesh: TriangleMesh, sources: Integers) -> Integers:
+def hops_from(mesh: TriangleMesh, sources: Indices) -> Indices:
     """Return the number of edges from each node to the nearest source, (N,); a huge number where there is no path."""
     distance = np.full(mesh.node_count, _FAR)
     _lower(distance, mesh.adjacency.indptr.astype(np.int64), mesh.adjacency.indices, sources)
     return distance
 
 
-def _first_centres(mesh: TriangleMesh, wanted: Booleans) -> Integers:
+def _first_centres(mesh: TriangleMesh, wanted: Booleans) -> Indices:
     """Return one centre for each component: its node that is farthest from the component's first wanted node."""
     nodes = np.flatnonzero(wanted)
     _, first = np.unique(mesh.component[nodes], return_index=True)
@@ -76,14 +73,14 @@ def _first_centres(mesh: TriangleMesh, wanted: Booleans) -> Integers:
 
 
 def gather_neighbours(
-    offsets: Integers, neighbours: NDArray[np.integer[Any]], nodes: Integers
-) -> tuple[Integers, Integers]:
+    offsets: Indices, neighbours: NDArray[np.integer[Any]], nodes: Indices
+) -> tuple[Indices, Indices]:
     """Return all neighbours of `nodes`, one after the other, and for each the position in `nodes` it belongs to."""
     rows, new = row_positions(offsets, nodes)
     return neighbours[rows].astype(np.int64), np.repeat(np.arange(len(nodes)), np.diff(new))
 
 
-def _lower(distance: Integers, offsets: Integers, neighbours: NDArray[np.integer[Any]], sources: Integers) -> None:
+def _lower(distance: Indices, offsets: Indices, neighbours: NDArray[np.integer[Any]], sources: Indices) -> None:
     """Lower `distance` in place to the hops from `sources`; nodes at -1 are walked through but not counted."""
     reached = distance
     walls = distance < 0
@@ -103,8 +100,8 @@ def _lower(distance: Integers, offsets: Integers, neighbours: NDArray[np.integer
 
 
 def _mutually_distant(
-    candidates: Integers, hops: int, rank: Integers, offsets: Integers, neighbours: NDArray[np.integer[Any]]
-) -> Integers:
+    candidates: Indices, hops: int, rank: Indices, offsets: Indices, neighbours: NDArray[np.integer[Any]]
+) -> Indices:
     """Return the candidates that outrank every other candidate within less than `hops` edges."""
     if len(candidates) == 1:
         return candidates
@@ -124,14 +121,14 @@ def _mutually_distant(
     return candidates[highest[candidates] == rank[candidates]]
 
 
-def _once(nodes: Integers, tag: Integers) -> Integers:
+def _once(nodes: Indices, tag: Indices) -> Indices:
     """Return each node once; `tag` (N,) is scratch space.  Unlike sorting this takes linear time."""
     number = np.arange(len(nodes))
     tag[nodes] = number
     return nodes[tag[nodes] == number]
 
 
-def _scrambled(count: int) -> Integers:
+def _scrambled(count: int) -> Indices:
     """Return a fixed permutation of 0 .. count - 1 without the order that node numbers have along a mesh."""
     number = np.arange(count, dtype=np.uint64)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):

@@ -9,14 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, vstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, vstack
 
+from ..arrays import Booleans, Indices
+from ..mesh.edges import connected_parts
 from ..mesh.triangle_mesh import TriangleMesh
-
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
 _LARGEST_GAP = 0.25  # filled gap, as a share of the patch's triangles
@@ -28,8 +25,8 @@ _CHUNK = 1024  # rings handled together; bounds the memory
 class Disks:
     """K disks: centres as nodes, (K,), radii in edges, (K,), and a row of the (K, T) matrix `members` for each."""
 
-    centres: Integers
-    rings: Integers
+    centres: Indices
+    rings: Indices
     members: csr_array
 
     @classmethod
@@ -43,19 +40,19 @@ class Disks:
             csr_array(vstack([empty, *(part.members for part in parts)], format="csr")),
         )
 
-    def take(self, which: Integers) -> Disks:
+    def take(self, which: Indices) -> Disks:
         """Return some of the disks."""
         return Disks(self.centres[which], self.rings[which], csr_array(self.members[which]))
 
 
-def largest_disks(mesh: TriangleMesh, centres: Integers, ring: int) -> Disks:
+def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int) -> Disks:
     """Return for each centre the largest ring up to `ring` that is, or can be filled to be, a disk.
 
     A centre around which not even the smallest ring is a disk has none.
     """
     limits = _Limits.of(mesh, ring)
     parts: list[Disks] = []
-    owners: list[Integers] = []
+    owners: list[Indices] = []
     pending = np.arange(len(centres))
     for radius in range(ring, 0, -1):
         rows, members = _disks_of_radius(mesh, limits, centres[pending], radius)
@@ -68,7 +65,7 @@ def largest_disks(mesh: TriangleMesh, centres: Integers, ring: int) -> Disks:
     return Disks.joined(parts, mesh).take(order)
 
 
-def ring_triangles(mesh: TriangleMesh, centres: Integers, ring: int) -> csr_array:
+def ring_triangles(mesh: TriangleMesh, centres: Indices, ring: int) -> csr_array:
     """Return the triangles that touch the (ring - 1)-ring of each centre as a (K, T) boolean matrix."""
     ball = csr_array(
         (np.ones(len(centres), dtype=bool), centres, np.arange(len(centres) + 1)),
@@ -111,9 +108,9 @@ class _Limits:
     lies on, -1 on most, and the number of edges around each.  Holes of few edges count as filled.
     """
 
-    triangles: Integers
-    hole: Integers
-    hole_sides: Integers
+    triangles: Indices
+    hole: Indices
+    hole_sides: Indices
 
     @classmethod
     def of(cls, mesh: TriangleMesh, ring: int) -> _Limits:
@@ -134,7 +131,7 @@ class _Limits:
         return cls(np.minimum(most, max(_MOST_TRIANGLES, 2 * largest_fan)), hole, sides)
 
 
-def _disks_of_radius(mesh: TriangleMesh, limits: _Limits, centres: Integers, radius: int) -> tuple[Integers, csr_array]:
+def _disks_of_radius(mesh: TriangleMesh, limits: _Limits, centres: Indices, radius: int) -> tuple[Indices, csr_array]:
     """Return the centres whose ring of this radius is a disk, as positions, and the rings, filled where need be."""
     most = limits.triangles[mesh.component[centres]]
     if radius == 1:
@@ -183,7 +180,7 @@ def _are_disks_in_chunk(mesh: TriangleMesh, limits: _Limits, members: csr_array)
     return good
 
 
-def _enclosed_holes(limits: _Limits, count: int, row: Integers, edge: Integers) -> tuple[Integers, Integers, Integers]:
+def _enclosed_holes(limits: _Limits, count: int, row: Indices, edge: Indices) -> tuple[Indices, Indices, Indices]:
     """Return, for each of `count` patches, its whole holes, the number of their edges, and that of the longest."""
     on_hole = limits.hole[edge] >= 0
     width = np.int64(max(len(limits.hole_sides), 1))
@@ -197,14 +194,14 @@ def _enclosed_holes(limits: _Limits, count: int, row: Integers, edge: Integers) 
     return np.bincount(patch, minlength=count), total, longest
 
 
-def _rows_with_twin_edges(mesh: TriangleMesh, row: Integers, edge: Integers) -> Integers:
+def _rows_with_twin_edges(mesh: TriangleMesh, row: Indices, edge: Indices) -> Indices:
     """Return the patches that have two edges between the same nodes: no straight-edged domain could hold them."""
     twin = mesh.twin_of_edge[edge] >= 0
     key = np.sort(row[twin] * np.int64(len(mesh.edges)) + mesh.twin_of_edge[edge[twin]])
     return key[1:][key[1:] == key[:-1]] // len(mesh.edges)
 
 
-def _fill_gaps(mesh: TriangleMesh, members: csr_array, centres: Integers, ring: int) -> csr_array:
+def _fill_gaps(mesh: TriangleMesh, members: csr_array, centres: Indices, ring: int) -> csr_array:
     """Add to each patch the small regions that it encloses."""
     around = ring_triangles(mesh, centres, 2 * ring)
     outside = _difference(around, members)
@@ -233,8 +230,8 @@ def _difference(one: csr_array, two: csr_array) -> csr_array:
 
 
 def _regions(
-    mesh: TriangleMesh, around: csr_array, outside: csr_array, row: Integers, triangle: Integers
-) -> tuple[Integers, Booleans]:
+    mesh: TriangleMesh, around: csr_array, outside: csr_array, row: Indices, triangle: Indices
+) -> tuple[Indices, Booleans]:
     """Number the edge-connected regions of `outside`, and tell which of them go on beyond `around`."""
     width = np.int64(outside.shape[1])
     key = row * width + triangle
@@ -245,12 +242,9 @@ def _regions(
     position = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
     connected = (key[position] == wanted) & ~at_border
     own = np.broadcast_to(np.arange(len(key))[:, None], connected.shape)
-    graph = coo_array(
-        (np.ones(int(connected.sum()), dtype=np.int8), (own[connected], position[connected])), shape=(len(key),) * 2
-    ).tocsr()
-    count, region = connected_components(graph, directed=False)
+    count, region = connected_parts(own[connected], position[connected], len(key))
     around_row = np.repeat(np.arange(around.shape[0]), np.diff(around.indptr))
     known = np.isin(wanted, around_row * width + around.indices)
     leaks = np.zeros(count, dtype=bool)
     leaks[region[(~known & ~at_border).any(axis=1)]] = True
-    return region.astype(np.int64), leaks
+    return region, leaks

@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
-from ..arrays import offsets_of
+from ..arrays import Booleans, Indices, offsets_of
+from ..mesh.edges import connected_parts
 from .patches import Patches
-
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +25,12 @@ class Loops:
         Patch of each loop, (L,), ascending.
     """
 
-    offsets: Integers
-    vertices: Integers
-    patch: Integers
+    offsets: Indices
+    vertices: Indices
+    patch: Indices
 
     @property
-    def following(self) -> Integers:
+    def following(self) -> Indices:
         """The next vertex on the loop for each entry of `vertices`, (B,)."""
         following = np.roll(self.vertices, -1)
         following[self.offsets[1:] - 1] = self.vertices[self.offsets[:-1]]
@@ -62,7 +58,7 @@ def boundary_loops(patches: Patches) -> tuple[Loops, Loops]:
     return loops.select(outer), loops.select(~outer)
 
 
-def _boundary_sides(triangles: Integers, vertex_count: int) -> tuple[Integers, Integers]:
+def _boundary_sides(triangles: Indices, vertex_count: int) -> tuple[Indices, Indices]:
     """Return start and end of the triangle sides that have no opposite side."""
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
     ones = np.ones(len(start), dtype=np.int8)
@@ -73,24 +69,19 @@ def _boundary_sides(triangles: Integers, vertex_count: int) -> tuple[Integers, I
     return rows[kept].astype(np.int64), columns[kept].astype(np.int64)
 
 
-def _ordered(vertices: Integers, following: Integers, patch: Integers) -> Loops:
+def _ordered(vertices: Indices, following: Indices, patch: Indices) -> Loops:
     """Turn a permutation that leads from each vertex to the next into loops."""
     count = len(vertices)
-    links = coo_array((np.ones(count, dtype=np.int8), (np.arange(count), following)), shape=(count, count)).tocsr()
-    _, label = connected_components(links, directed=False)
-    # Vertices are sorted by patch, so loops numbered by their lowest vertex are too.
-    _, first, loop, sizes = np.unique(label, return_index=True, return_inverse=True, return_counts=True)
-    order = np.argsort(first, kind="stable")
-    number = np.empty(len(first), dtype=np.int64)
-    number[order] = np.arange(len(first))
-    offsets = offsets_of(sizes[order])
-    rank = _rank_in_cycle(following, first[loop])
+    # Loops are numbered by their lowest vertex and vertices sorted by patch, so loops are sorted by patch too.
+    _, loop = connected_parts(np.arange(count), following, count)
+    _, first, sizes = np.unique(loop, return_index=True, return_counts=True)
+    offsets = offsets_of(sizes)
     result = np.empty(count, dtype=np.int64)
-    result[offsets[number[loop]] + rank] = vertices
-    return Loops(offsets, result, patch[first[order]])
+    result[offsets[loop] + _rank_in_cycle(following, first[loop])] = vertices
+    return Loops(offsets, result, patch[first])
 
 
-def _rank_in_cycle(following: Integers, first: Integers) -> Integers:
+def _rank_in_cycle(following: Indices, first: Indices) -> Indices:
     """Return how many steps each element is behind the first of its cycle, by doubling the step."""
     count = len(following)
     preceding = np.empty(count, dtype=np.int64)

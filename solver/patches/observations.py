@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Booleans, Indices
 from ..errors import InputError
-from ..mesh.sampling import SURFACE_SAMPLES
+from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from .patches import Patches
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ANY_DEGREE = 30
 SMALL_PATCH = 100
@@ -26,8 +24,6 @@ SMALL_PATCH_DEGREE = 7
 CENTROID_WEIGHT = 0.5
 SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
-
-CENTROID = np.full((1, 3), 1.0 / 3.0)
 
 
 def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
@@ -124,7 +120,7 @@ class MeshObservations:
         kind: str,
         weights: Array | None = None,
         inside: bool = True,
-        dense: NDArray[np.bool_] | None = None,
+        dense: Booleans | None = None,
     ) -> None:
         """Gather the observations.
 
@@ -160,7 +156,7 @@ class MeshObservations:
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 
-    def with_dense(self, more: NDArray[np.bool_]) -> MeshObservations:
+    def with_dense(self, more: Booleans) -> MeshObservations:
         """Return the observations with more of the patches, (K,), observed densely."""
         return MeshObservations(*self._made_of, dense=self._dense | more)
 

@@ -9,29 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, solveh_banded
-from scipy.sparse import coo_array, csc_array, csr_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_array, csr_array
 
-from ..arrays import runs_of_rows
+from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..mesh.triangle_mesh import TriangleMesh
+from .linear_systems import solve_held
 from .loops import Loops, boundary_loops
 from .patches import Patches
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 METHODS = ("lscm", "harmonic", "tutte")
 """The methods, in the order in which one stands in for the one before it."""
 
 _CHUNK = 20_000  # vertices factorised together; bounds the memory
-_WIDEST_BAND = 80  # beyond that a general sparse factorisation is faster
 _SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
 _UNUSABLE_RATIO = 1e-6
 _SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
@@ -49,11 +40,11 @@ class InitialDomains:
         Number in `METHODS` of the method that each patch ended with, (K,).
     """
 
-    points: Floats
-    method: Integers
+    points: Array
+    method: Indices
 
 
-def initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm") -> Floats:
+def initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm") -> Array:
     """Return the domain of each patch vertex, (M, 2); see `solve_initial_domains`."""
     return solve_initial_domains(mesh, patches, method).points
 
@@ -94,11 +85,11 @@ class DomainQuality:
         the domain of the plane that it stands on, by any method.  Such a patch has to be split.
     """
 
-    squeeze: Floats
+    squeeze: Array
     unusable: Booleans
 
 
-def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Floats) -> DomainQuality:
+def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Array) -> DomainQuality:
     """Tell how evenly each domain, (M, 2), holds its surface."""
     squeeze, unusable = np.zeros(len(patches)), np.zeros(len(patches), dtype=bool)
     for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
@@ -116,7 +107,7 @@ def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Floats) -> Dom
     return DomainQuality(squeeze, unusable)
 
 
-def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Floats, Integers]:
+def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Array, Indices]:
     geometry = _Geometry.of(mesh, patches)
     points = np.zeros((len(patches.vertices), 2))
     chosen = np.full(len(patches), method, dtype=np.int64)
@@ -139,9 +130,6 @@ def _solve_chunk(mesh: TriangleMesh, patches: Patches, method: int) -> tuple[Flo
     return points, chosen
 
 
-# ----------------------------------------------------------------------------------------------------------- geometry
-
-
 @dataclass(frozen=True, eq=False)
 class _Geometry:
     """Positions (M, 3) of patch vertices; edge lengths (S, 3), opposite to corner i, and areas (S,) of triangles.
@@ -150,9 +138,9 @@ class _Geometry:
     longer by the little that gives each triangle an area (intrinsic mollification, Sharp and Crane 2020).
     """
 
-    positions: Floats
-    lengths: Floats
-    areas: Floats
+    positions: Array
+    lengths: Array
+    areas: Array
 
     @classmethod
     def of(cls, mesh: TriangleMesh, patches: Patches) -> _Geometry:
@@ -167,31 +155,31 @@ class _Geometry:
         lengths = lengths + np.repeat(longer, sizes)[:, None]
         return cls(positions, lengths, _heron(lengths))
 
-    def select(self, patches: Patches, chosen: Integers) -> _Geometry:
+    def select(self, patches: Patches, chosen: Indices) -> _Geometry:
         in_vertices = np.isin(patches.vertex_patch, chosen)
         in_triangles = np.isin(patches.triangle_patch, chosen)
         return _Geometry(self.positions[in_vertices], self.lengths[in_triangles], self.areas[in_triangles])
 
 
-def _heron(lengths: Floats) -> Floats:
+def _heron(lengths: Array) -> Array:
     """Return triangle areas from edge lengths, in Kahan's stable form."""
     c, b, a = np.sort(lengths, axis=1).T
     product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
     return 0.25 * np.sqrt(np.maximum(product, 0.0))
 
 
-def _signed_areas(points: Floats, triangles: Integers) -> Floats:
+def _signed_areas(points: Array, triangles: Indices) -> Array:
     a, b, c = (points[triangles[:, i]] for i in range(3))
     one, two = b - a, c - a
-    areas: Floats = 0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    areas: Array = 0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
     return areas
 
 
-def _area_ratios(geometry: _Geometry, patches: Patches, domains: Floats) -> Floats:
+def _area_ratios(geometry: _Geometry, patches: Patches, domains: Array) -> Array:
     return _signed_areas(domains, patches.block_triangles) / geometry.areas
 
 
-def _scaled(patches: Patches, geometry: _Geometry, points: Floats) -> Floats:
+def _scaled(patches: Patches, geometry: _Geometry, points: Array) -> Array:
     """Centre each domain and give it the area of its surface."""
     sizes = np.diff(patches.vertex_offsets)
     first, first_triangle = patches.vertex_offsets[:-1], patches.triangle_offsets[:-1]
@@ -202,16 +190,13 @@ def _scaled(patches: Patches, geometry: _Geometry, points: Floats) -> Floats:
     return centred * np.repeat(scale, sizes)[:, None]
 
 
-# ------------------------------------------------------------------------------------------------------------ methods
-
-
-def _cotangents(geometry: _Geometry) -> Floats:
+def _cotangents(geometry: _Geometry) -> Array:
     """Return the cotangent of each triangle's angles, (S, 3)."""
     squared = geometry.lengths**2
     return (squared.sum(axis=1, keepdims=True) - 2 * squared) / (4 * geometry.areas[:, None])
 
 
-def _laplacian(triangles: Integers, weights: Floats, count: int) -> coo_array:
+def _laplacian(triangles: Indices, weights: Array, count: int) -> coo_array:
     """Return the Laplacian with `weights` (S, 3) on the edges opposite to the triangles' corners."""
     one, two = triangles[:, [1, 2, 0]].reshape(-1), triangles[:, [2, 0, 1]].reshape(-1)
     weight = weights.reshape(-1)
@@ -220,7 +205,7 @@ def _laplacian(triangles: Integers, weights: Floats, count: int) -> coo_array:
     return coo_array((np.concatenate((-weight, -weight, weight, weight)), (rows, columns)), shape=(count, count))
 
 
-def _solve_lscm(patches: Patches, geometry: _Geometry) -> Floats:
+def _solve_lscm(patches: Patches, geometry: _Geometry) -> Array:
     """Least squares conformal maps, with two vertices of the border held.
 
     The energy is that of Dirichlet less the area of the map, which in complex numbers is one Hermitian form in half
@@ -248,26 +233,26 @@ def _solve_lscm(patches: Patches, geometry: _Geometry) -> Floats:
     values[second[values[second] == 0]] = 1.0
     held = np.zeros(count, dtype=bool)
     held[first] = held[second] = True
-    solved = _solve_held(csr_array(energy), held, values)
+    solved = solve_held(csr_array(energy), held, values)
     return np.stack((solved.real, solved.imag), axis=1)
 
 
-def _solve_harmonic(patches: Patches, geometry: _Geometry) -> Floats:
+def _solve_harmonic(patches: Patches, geometry: _Geometry) -> Array:
     return _inside_circle(patches, geometry, 0.5 * _cotangents(geometry))
 
 
-def _solve_tutte(patches: Patches, geometry: _Geometry) -> Floats:
+def _solve_tutte(patches: Patches, geometry: _Geometry) -> Array:
     return _inside_circle(patches, geometry, np.full((len(patches.triangles), 3), 0.5))
 
 
-_SOLVERS: dict[str, Callable[[Patches, _Geometry], Floats]] = {
+_SOLVERS: dict[str, Callable[[Patches, _Geometry], Array]] = {
     "lscm": _solve_lscm,
     "harmonic": _solve_harmonic,
     "tutte": _solve_tutte,
 }
 
 
-def _inside_circle(patches: Patches, geometry: _Geometry, weights: Floats) -> Floats:
+def _inside_circle(patches: Patches, geometry: _Geometry, weights: Array) -> Array:
     """Lay each outer boundary on a circle by the length of its edges and solve for the inside."""
     outer, holes = boundary_loops(patches)
     count = len(patches.vertices)
@@ -278,11 +263,11 @@ def _inside_circle(patches: Patches, geometry: _Geometry, weights: Floats) -> Fl
     values[outer.vertices] = np.exp(1j * _angles(outer, geometry.positions))
     held = np.zeros(len(values), dtype=bool)
     held[outer.vertices] = True
-    solved = _solve_held(csr_array(laplacian), held, values)[:count]
+    solved = solve_held(csr_array(laplacian), held, values)[:count]
     return np.stack((solved.real, solved.imag), axis=1)
 
 
-def _angles(outer: Loops, positions: Floats) -> Floats:
+def _angles(outer: Loops, positions: Array) -> Array:
     sizes, first = np.diff(outer.offsets), outer.offsets[:-1]
     length = np.linalg.norm(positions[outer.following] - positions[outer.vertices], axis=1)
     mean = np.repeat(np.add.reduceat(length, first) / sizes, sizes)
@@ -305,55 +290,7 @@ def _hubs(holes: Loops, count: int) -> coo_array:
     return coo_array((data, (rows, columns)), shape=(total, total))
 
 
-def _solve_held(matrix: csr_array, held: Booleans, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Minimise the quadratic form of a Hermitian block-diagonal matrix with some values held."""
-    result = np.where(held, values, 0.0)
-    if held.all():
-        return result
-    ordered = reverse_cuthill_mckee(matrix, symmetric_mode=True)
-    free = ordered[~held[ordered]]
-    result[free] = _solve_positive(matrix, free, -(matrix @ result)[free])
-    return result
-
-
-def _solve_positive(matrix: csr_array, order: Integers, right: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Solve the rows and columns `order` of a positive definite matrix.
-
-    Small patches make a narrow band, in which Cholesky's factorisation is faster than a general sparse one.
-    """
-    position = np.full(matrix.shape[0], -1, dtype=np.int64)
-    position[order] = np.arange(len(order))
-    row, column = np.repeat(position, np.diff(matrix.indptr)), position[matrix.indices]
-    upper = (row >= 0) & (column >= row)
-    row, column = row[upper], column[upper]
-    width = int((column - row).max())
-    if width <= _WIDEST_BAND:
-        band = np.zeros((width + 1, len(order)), dtype=matrix.dtype, order="F")
-        band[width + row - column, column] = matrix.data[upper]
-        try:
-            return _with_real_matrix(lambda sides: solveh_banded(band, sides, check_finite=False), matrix, right)
-        except LinAlgError:
-            pass  # rounding made it indefinite
-    factor = splu(
-        csc_array(matrix[order][:, order]),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return _with_real_matrix(factor.solve, matrix, right)
-
-
-def _with_real_matrix(
-    solve: Callable[[NDArray[Any]], NDArray[Any]], matrix: csr_array, right: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
-    """Solve for a complex right side, as two real ones where the matrix is real."""
-    if matrix.dtype.kind == "c":
-        return np.asarray(solve(right), dtype=np.complex128)
-    both = solve(np.stack((right.real, right.imag), axis=1))
-    return np.asarray(both[:, 0] + 1j * both[:, 1], dtype=np.complex128)
-
-
-def _far_apart(outer: Loops, positions: Floats) -> tuple[Integers, Integers]:
+def _far_apart(outer: Loops, positions: Array) -> tuple[Indices, Indices]:
     """Return two border vertices of each patch that are far from each other."""
     offsets, loops = outer.offsets, outer.vertices
     sizes = np.diff(offsets)

@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..arrays import offsets_of, row_positions
-from ..mesh.triangle_mesh import TriangleMesh, solve_winding
-from ..mesh.triangulation import triangle_areas
+from ..arrays import Booleans, Indices, offsets_of, row_positions
+from ..mesh.normals import triangle_areas
+from ..mesh.topology import solve_winding
+from ..mesh.triangle_mesh import TriangleMesh
 from .cover import build_cover
 from .disks import Disks, held_nodes, largest_disks, row_chunks
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,37 +49,37 @@ class Patches:
         How often the surface had to be refined where the patch lies, (K,): finer patches hide coarser ones.
     """
 
-    centres: Integers
-    rings: Integers
-    vertex_offsets: Integers
-    vertices: Integers
-    nodes: Integers
-    triangle_offsets: Integers
-    triangles: Integers
-    mesh_triangles: Integers
-    rim_distance: Integers
+    centres: Indices
+    rings: Indices
+    vertex_offsets: Indices
+    vertices: Indices
+    nodes: Indices
+    triangle_offsets: Indices
+    triangles: Indices
+    mesh_triangles: Indices
+    rim_distance: Indices
     passed_through: Booleans
-    levels: Integers
+    levels: Indices
 
     def __len__(self) -> int:
         return len(self.centres)
 
     @property
-    def vertex_patch(self) -> Integers:
+    def vertex_patch(self) -> Indices:
         """Patch of each entry of `vertices`, (M,)."""
         return np.repeat(np.arange(len(self)), np.diff(self.vertex_offsets))
 
     @property
-    def triangle_patch(self) -> Integers:
+    def triangle_patch(self) -> Indices:
         """Patch of each entry of `triangles`, (S,)."""
         return np.repeat(np.arange(len(self)), np.diff(self.triangle_offsets))
 
     @property
-    def block_triangles(self) -> Integers:
+    def block_triangles(self) -> Indices:
         """Triangles as positions in `vertices`, (S, 3): all patches as one mesh of separate pieces."""
         return self.triangles + np.repeat(self.vertex_offsets[:-1], np.diff(self.triangle_offsets))[:, None]
 
-    def select(self, which: Integers | Booleans) -> Patches:
+    def select(self, which: Indices | Booleans) -> Patches:
         """Return some of the patches, in the order given; `passed_through` stays as it is."""
         chosen = np.arange(len(self))[which]
         vertex_rows, vertex_offsets = row_positions(self.vertex_offsets, chosen)
@@ -108,7 +105,7 @@ class Patches:
         return replace(self, passed_through=passed, rim_distance=distance)
 
 
-def build_patches(mesh: TriangleMesh, centres: Integers, ring: int) -> Patches:
+def build_patches(mesh: TriangleMesh, centres: Indices, ring: int) -> Patches:
     """Build the patches around the centres of a cover, each a disk.
 
     Every vertex that is not passed through has a positive rim distance in at least one patch; where repairs made
@@ -127,7 +124,7 @@ def build_patches(mesh: TriangleMesh, centres: Integers, ring: int) -> Patches:
 
 
 def refine_patches(
-    mesh: TriangleMesh, patches: Patches, which: Integers | Booleans, ring: int
+    mesh: TriangleMesh, patches: Patches, which: Indices | Booleans, ring: int
 ) -> tuple[Patches, Booleans]:
     """Replace some patches by ones of smaller rings that cover the same vertices.
 
@@ -178,7 +175,7 @@ def overlay_patches(mesh: TriangleMesh, patches: Patches, wanted: Booleans, ring
     return _concatenate(patches, _assemble(mesh, disks, patches.passed_through, level), patches.passed_through)
 
 
-def _cover_with_disks(mesh: TriangleMesh, centres: Integers, ring: int, wanted: Booleans) -> Disks:
+def _cover_with_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans) -> Disks:
     """Take the largest disk around each centre; cover what is lost where disks had to be smaller by smaller ones."""
     parts = []
     limit = ring
@@ -203,7 +200,7 @@ def _unheld(mesh: TriangleMesh, disks: Disks, held_already: Booleans | None = No
     return unheld
 
 
-def _deepest(mesh: TriangleMesh, patches: Patches) -> Integers:
+def _deepest(mesh: TriangleMesh, patches: Patches) -> Indices:
     """Return the largest rim distance of each node over the patches, (N,)."""
     deepest = np.zeros(mesh.node_count, dtype=np.int64)
     np.maximum.at(deepest, patches.nodes, patches.rim_distance)
@@ -218,12 +215,12 @@ class _Local:
     in them; `row`: patch of each triangle; `mesh_triangle`: (S,).
     """
 
-    node: Integers
-    patch: Integers
-    triangle_count: Integers
-    corners: Integers
-    row: Integers
-    mesh_triangle: Integers
+    node: Indices
+    patch: Indices
+    triangle_count: Indices
+    corners: Indices
+    row: Indices
+    mesh_triangle: Indices
     patch_count: int
 
     @classmethod
@@ -234,9 +231,6 @@ class _Local:
         keys, corners, count = np.unique(key, return_inverse=True, return_counts=True)
         patch, node = np.divmod(keys, np.int64(mesh.node_count))
         return cls(node, patch, count, corners.reshape(-1, 3), row, triangle, members.shape[0])
-
-
-# --------------------------------------------------------------------------------------------------------- assembling
 
 
 def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
@@ -259,14 +253,14 @@ def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level:
     )
 
 
-def _nothing() -> tuple[Integers, Integers, Integers, Integers, Integers]:
+def _nothing() -> tuple[Indices, Indices, Indices, Indices, Indices]:
     none = np.zeros(0, dtype=np.int64)
     return none, none, np.zeros((0, 3), dtype=np.int64), none, none
 
 
 def _assemble_chunk(
     mesh: TriangleMesh, members: csr_array, passed_through: Booleans
-) -> tuple[Integers, Integers, Integers, Integers, Integers]:
+) -> tuple[Indices, Indices, Indices, Indices, Indices]:
     """Return nodes, patch sizes, local triangles, mesh triangles and rim distances of some patches."""
     local = _Local.of(mesh, members)
     sizes = np.bincount(local.patch, minlength=local.patch_count)
@@ -290,7 +284,7 @@ def _winding_in_patches(mesh: TriangleMesh, local: _Local) -> NDArray[np.int8]:
     return winding
 
 
-def _solve_patch_winding(mesh: TriangleMesh, local: _Local, chosen: Integers) -> NDArray[np.int8]:
+def _solve_patch_winding(mesh: TriangleMesh, local: _Local, chosen: Indices) -> NDArray[np.int8]:
     """Orient the triangles of patches on a surface that as a whole has no orientation."""
     edge = mesh.triangle_edges[local.mesh_triangle[chosen]]
     key = (local.row[chosen, None] * np.int64(len(mesh.edges)) + edge).reshape(-1)
@@ -303,7 +297,7 @@ def _solve_patch_winding(mesh: TriangleMesh, local: _Local, chosen: Integers) ->
     return solve_winding(len(chosen), pairs, start[one] != start[two], areas)
 
 
-def _distance_to_rim(local: _Local, rim: Booleans) -> Integers:
+def _distance_to_rim(local: _Local, rim: Booleans) -> Indices:
     """Walk inwards from the rims of all patches at once."""
     start = local.corners.reshape(-1)
     end = np.roll(local.corners, -1, axis=1).reshape(-1)
@@ -325,11 +319,11 @@ def _distance_to_rim(local: _Local, rim: Booleans) -> Integers:
 
 
 def _concatenate(one: Patches, two: Patches, passed_through: Booleans) -> Patches:
-    def both(name: str) -> Integers:
-        joined: Integers = np.concatenate((getattr(one, name), getattr(two, name)))
+    def both(name: str) -> Indices:
+        joined: Indices = np.concatenate((getattr(one, name), getattr(two, name)))
         return joined
 
-    def offsets(name: str) -> Integers:
+    def offsets(name: str) -> Indices:
         first, second = getattr(one, name), getattr(two, name)
         return np.concatenate((first, second[1:] + first[-1]))
 

@@ -7,8 +7,8 @@ follow the surface.  Smaller rings cut such features into pieces that lie flat.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..mesh.triangle_mesh import TriangleMesh
 from ..settings import Settings
 from .parameterisation import domain_quality, initial_domains
@@ -21,7 +21,7 @@ SMALLER_RINGS = (4, 3, 2, 1)
 SMALLEST_SQUEEZED_RING = 2
 
 
-def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings) -> tuple[Patches, NDArray[np.float64]]:
+def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings) -> tuple[Patches, Array]:
     """Map each patch to the plane, splitting those that are badly squeezed.
 
     Without `settings.adaptive` only those are split that no map can hold, such as a plane with a long thin finger.
@@ -46,9 +46,7 @@ def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings) -> tu
     return patches, domains
 
 
-def _smallest_rings(
-    mesh: TriangleMesh, patches: Patches, domains: NDArray[np.float64], settings: Settings
-) -> NDArray[np.int64]:
+def _smallest_rings(mesh: TriangleMesh, patches: Patches, domains: Array, settings: Settings) -> Indices:
     """Return down to which ring each patch may be split, (K,); a good one is not split at all."""
     quality = domain_quality(mesh, patches, domains)
     squeezed = quality.squeeze < SQUEEZED if settings.adaptive else np.zeros(len(patches), dtype=bool)

@@ -1,4 +1,4 @@
-"""The script of every child process: loads this folder as a package of its own name and runs one of its modules.
+"""The script of every child process: loads the solver as a package of its own name and serves its owner.
 
 It is started by its path because the package's name is not importable everywhere: Blender knows an
 extension as ``bl_ext...``, which exists only inside Blender.
@@ -13,23 +13,8 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
 
 PACKAGE = "sparse_surface_solver"
-
-
-def load_solver(folder: Path) -> ModuleType:
-    """Load `folder` as the package `PACKAGE` and return it; once loaded, `import` finds it by that name."""
-    if PACKAGE not in sys.modules:
-        spec = importlib.util.spec_from_file_location(
-            PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
-        )
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{folder} is no package")
-        package = importlib.util.module_from_spec(spec)
-        sys.modules[PACKAGE] = package
-        spec.loader.exec_module(package)
-    return sys.modules[PACKAGE]
 
 
 def give_way() -> None:
@@ -46,16 +31,33 @@ def give_way() -> None:
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def main(text: str) -> int:
+def stop_giving_way() -> None:
+    """Take turns again, where the system allows it: a process that is to end must not wait for others' work.
+
+    Linux allows it to processes with the right to set priorities only.
+    """
+    if hasattr(os, "SCHED_IDLE"):
+        with suppress(OSError):
+            for thread in os.listdir("/proc/self/task"):
+                os.sched_setscheduler(int(thread), os.SCHED_OTHER, os.sched_param(0))
+
+
+def main(text: str) -> None:
     """Carry out the order that `child.start_child` wrote; the owner's module search path comes first of all."""
     order = json.loads(text)
     if order["gives_way"]:
         give_way()
     sys.path[:] = order["module_search_path"]
-    load_solver(Path(__file__).resolve().parent.parent)
-    status: int = importlib.import_module(f"{PACKAGE}.{order['module']}").serve(*order["arguments"])
-    return status
+    folder = Path(__file__).resolve().parent.parent
+    spec = importlib.util.spec_from_file_location(
+        PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[PACKAGE] = package = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(package)
+    importlib.import_module(f"{PACKAGE}.processes.service").serve(order["owners_package"], order["preload"])
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    main(sys.argv[1])

@@ -1,48 +1,48 @@
 """A `concurrent.futures.Executor` over child processes that starts safely inside Blender and outside, on every system.
 
-Each child is a plain Python with this folder loaded (see `child`); a thread feeds it one task at a time through its
-pipes.  A child that dies is replaced and its task done anew.  Children end when their standard input closes, so even a
-killed owner leaves none behind.
+A thread for each child (see `child`) feeds it one task at a time.  A child that dies is replaced and its task done
+again.  Children end when their standard input closes, so even a killed owner leaves none behind.
 
-Functions and classes travel by name.  The package's name may differ on both sides (``bl_ext...`` exists only inside
-Blender), so each side reads the other's names as its own.
+loky, the pool that joblib brings along, does not work here: where only this process knows the package by its name
+(``bl_ext...`` inside Blender), its children fail with ``BrokenProcessPool: A task has failed to un-serialize`` (tried
+with loky 3.5.6 of joblib 1.5.3).  A `ProcessPoolExecutor` in Blender left three processes behind when Blender quit in
+the middle of a job, and held it up for 13 seconds.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
-import os
-import pickle
 import queue
 import subprocess
 import tempfile
 import threading
-import traceback
 import weakref
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
-from importlib import import_module
-from typing import IO, Any, ParamSpec, TypeVar
+from io import FileIO
+from typing import IO, Any, NamedTuple, ParamSpec, TypeVar, cast
 
 from ..errors import Cancelled, WorkerError
-from .child import close_streams, last_words, private_channels, start_child, stop_giving_way
+from ..progress import Progress, Steps
+from .channel import FINISH_MESSAGE, Parts, pack, receive, send, unpack
+from .child import start_child
 from .child_main import PACKAGE
-from .memory import peak_memory_mb
+from .service import Answer
 
 Result = TypeVar("Result")
 Parameters = ParamSpec("Parameters")
 
 ATTEMPTS = 3
-"""How often a task is begun before its workers' deaths are put down to the task."""
+"""How often a task is begun before the deaths of its workers are attributed to the task."""
 
 SECONDS_TO_END = 5.0
 
-OWN_PACKAGE = __name__.removesuffix(".processes.pool")
 
-LENGTH_BYTES = 8
-
-Task = tuple[Future[Any], bytes]
+class _Task(NamedTuple):
+    future: Future[Any]
+    message: Parts
+    report: Callable[[Progress], None]
+    attempts: int
 
 
 class WorkerExecutor(Executor):
@@ -58,12 +58,16 @@ class WorkerExecutor(Executor):
         A module of this package that the children import before their first task.
     python
         The command that starts a plain Python, with its options; this process's own where empty.
+    gives_way
+        Whether the children take processors only while nothing else wants them.
     """
 
-    def __init__(self, workers: int, *, preload: str = "errors", python: Sequence[str] = ()) -> None:
+    def __init__(
+        self, workers: int, *, preload: str = "errors", python: Sequence[str] = (), gives_way: bool = False
+    ) -> None:
         self.workers = workers
-        self._tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-        self._crew = [_Worker(preload, python) for _ in range(workers)]
+        self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
+        self._crew = [_Worker(preload, python, gives_way) for _ in range(workers)]
         self._threads = [
             threading.Thread(
                 target=worker.work, args=(self._tasks,), name=f"sparse surface worker {number}", daemon=True
@@ -86,13 +90,35 @@ class WorkerExecutor(Executor):
         self, function: Callable[Parameters, Result], /, *args: Parameters.args, **kwargs: Parameters.kwargs
     ) -> Future[Result]:
         """Call `function(*args, **kwargs)` in a child; see `concurrent.futures.Executor.submit`."""
-        message = pickle.dumps((function, args, kwargs), protocol=pickle.HIGHEST_PROTOCOL)
-        future: Future[Result] = Future()
+        message = pack((function, args, kwargs, False), snapshot=True)
+        return self._put(_Task(Future(), message, lambda step: None, ATTEMPTS))
+
+    def submit_steps(
+        self,
+        function: Callable[..., Steps[Result]],
+        /,
+        *args: Any,
+        report: Callable[[Progress], None],
+        previews: bool = False,
+    ) -> Future[Result]:
+        """Run the steps that `function(*args)` returns in a child, once.
+
+        Arrays among the arguments are not copied: they must not change before the first `Progress`.  `report` is called
+        in another thread, with `Progress` that has a surface only with `previews`.
+        """
+        return self._put(_Task(Future(), pack((function, args, {}, previews)), report, 1))
+
+    def finish(self) -> None:
+        """Ask steps that run to end early with their best result so far; returns at once."""
+        for worker in self._crew:
+            threading.Thread(target=worker.finish, daemon=True).start()  # the arguments may still be on their way
+
+    def _put(self, task: _Task) -> Future[Any]:
         with self._lock:
             if self._closed:
                 raise RuntimeError("The executor has been shut down.")
-            self._tasks.put((future, message))
-        return future
+            self._tasks.put(task)
+        return task.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; see `concurrent.futures.Executor.shutdown`.
@@ -112,12 +138,12 @@ class WorkerExecutor(Executor):
                 thread.join()
 
 
-def _dismiss(crew: list[_Worker], tasks: queue.SimpleQueue[Task | None]) -> None:
+def _dismiss(crew: list[_Worker], tasks: queue.SimpleQueue[_Task | None]) -> None:
     """Drop the waiting tasks and kill the children; their threads end by themselves."""
     try:
         while task := tasks.get_nowait():
-            task[0].cancel()
-            task[0].set_running_or_notify_cancel()
+            task.future.cancel()
+            task.future.set_running_or_notify_cancel()
     except queue.Empty:
         pass
     for worker in crew:
@@ -126,31 +152,37 @@ def _dismiss(crew: list[_Worker], tasks: queue.SimpleQueue[Task | None]) -> None
 
 
 class _Died(Exception):
-    """A child ended before it answered; the text is its last words."""
+    """A child ended before it answered."""
 
 
 class _Worker:
     """One child at a time, replaced when it dies, and the pipes to it."""
 
-    def __init__(self, preload: str, python: Sequence[str]) -> None:
+    def __init__(self, preload: str, python: Sequence[str], gives_way: bool) -> None:
         self.peak_memory_mb = 0.0
         self._preload = preload
         self._python = python
+        self._gives_way = gives_way
         self._process: subprocess.Popen[bytes] | None = None
         self._log: IO[bytes] | None = None
         self._killed = False
         self._lock = threading.Lock()
+        self._sending = threading.Lock()
 
-    def work(self, tasks: queue.SimpleQueue[Task | None]) -> None:
+    def work(self, tasks: queue.SimpleQueue[_Task | None]) -> None:
         """Do tasks until the queue holds None (a thread's whole life)."""
         with contextlib.suppress(OSError, Cancelled):  # the first task tries again and tells its future
             self._start()
         while (task := tasks.get()) is not None:
-            future, message = task
-            if future.set_running_or_notify_cancel():
-                self._do(future, message)
-            del task, future, message  # not kept while waiting for the next
+            if task.future.set_running_or_notify_cancel():
+                self._do(task)
+            del task  # not kept while waiting for the next
         self._stop()
+
+    def finish(self) -> None:
+        """Ask the child to end its task early."""
+        with contextlib.suppress(_Died, OSError, Cancelled):
+            self._send(self._start(), FINISH_MESSAGE)
 
     def kill(self) -> None:
         """End the child now, and start no other."""
@@ -159,32 +191,34 @@ class _Worker:
             if self._process is not None:
                 self._process.kill()
 
-    def _do(self, future: Future[Any], message: bytes) -> None:
+    def _do(self, task: _Task) -> None:
         try:
-            succeeded, answer, self.peak_memory_mb = self._answer(message)
+            answer = self._answer(task)
         except Exception as error:
-            future.set_exception(error)
-            return
-        if succeeded:
-            future.set_result(answer)
+            answer = Answer(None, error, self.peak_memory_mb)
+        self.peak_memory_mb = answer.peak_memory_mb
+        if answer.error is None:
+            task.future.set_result(answer.value)
         else:
-            future.set_exception(answer)
+            task.future.set_exception(answer.error)
 
-    def _answer(self, message: bytes) -> tuple[bool, Any, float]:
+    def _answer(self, task: _Task) -> Answer:
         words = ""
-        for _ in range(ATTEMPTS):
+        for _ in range(task.attempts):
             try:
                 process = self._start()
-                answer: tuple[bool, Any, float] = _unpickle(_exchange(process, message), PACKAGE)
-                return answer
+                self._send(process, task.message)
+                while not isinstance(said := _next(process), Answer):
+                    task.report(said)
+                return said
             except _Died:
                 words = self._stop()
                 if self._killed:
                     raise Cancelled("The work was cancelled.") from None
             except OSError as error:
-                raise WorkerError(f"No worker process could be started ({error}); one worker needs none.") from error
-        said = f" ({words})" if words else ""
-        raise WorkerError(f"Worker processes died {ATTEMPTS} times at the same task{said}.")
+                raise WorkerError(f"The solver's process could not be started ({error}).") from error
+        times = f" {task.attempts} times" if task.attempts > 1 else ""
+        raise WorkerError(f"The solver's process ended{times} before its work was done{': ' if words else ''}{words}.")
 
     def _start(self) -> subprocess.Popen[bytes]:
         """Return the child, a new one where there is none."""
@@ -194,119 +228,53 @@ class _Worker:
             if self._process is None:
                 self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed when the child has ended
                 self._process = start_child(
-                    "processes.pool", OWN_PACKAGE, self._preload, python=self._python, stderr=self._log
+                    self._preload, stderr=self._log, python=self._python, gives_way=self._gives_way
                 )
             return self._process
 
+    def _send(self, process: subprocess.Popen[bytes], message: Parts) -> None:
+        try:
+            with self._sending:
+                send(cast(FileIO, process.stdin), message)
+        except (OSError, ValueError) as error:
+            raise _Died from error
+
     def _stop(self) -> str:
-        """End the child, which has nothing to do, and return its last words."""
+        """End the child, which has nothing to do, and return the last line that it wrote to its log."""
         with self._lock:
             process, self._process = self._process, None
             log, self._log = self._log, None
-        words = ""
         if process is not None:
-            close_streams(process)
+            cast(FileIO, process.stdin).close()
+            cast(FileIO, process.stdout).close()
             try:
                 process.wait(SECONDS_TO_END)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        if log is not None:
-            words = last_words(log)
-            log.close()
-        return words
+        if log is None:
+            return ""
+        with log:
+            log.seek(0)
+            lines = log.read().decode("utf-8", errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else ""
 
 
-def _exchange(process: subprocess.Popen[bytes], message: bytes) -> bytes:
-    assert process.stdin is not None
-    assert process.stdout is not None
+def _next(process: subprocess.Popen[bytes]) -> Any:
+    """Wait for what the child says next: `Progress`, or its `Answer`."""
     try:
-        _write(process.stdin, message)
-        return _read(process.stdout)
+        parts = receive(cast(FileIO, process.stdout))
     except (OSError, EOFError, ValueError) as error:
         raise _Died from error
-
-
-def _write(stream: IO[bytes], message: bytes) -> None:
-    stream.write(len(message).to_bytes(LENGTH_BYTES, "little"))
-    stream.write(message)
-    stream.flush()
-
-
-def _read(stream: IO[bytes]) -> bytes:
-    length = int.from_bytes(_read_exactly(stream, LENGTH_BYTES), "little")
-    return _read_exactly(stream, length)
-
-
-def _read_exactly(stream: IO[bytes], length: int) -> bytes:
-    data = stream.read(length)
-    if len(data) < length:
-        raise EOFError
-    return data
-
-
-class _Unpickler(pickle.Unpickler):
-    """Reads what another process has written whose name of this package is `theirs`."""
-
-    def __init__(self, data: bytes, theirs: str) -> None:
-        super().__init__(io.BytesIO(data))
-        self._theirs = theirs
-
-    def find_class(self, module: str, name: str) -> Any:
-        if module == self._theirs or module.startswith(f"{self._theirs}."):
-            module = f"{OWN_PACKAGE}{module[len(self._theirs) :]}"
-        return super().find_class(module, name)
-
-
-def _unpickle(data: bytes, theirs: str) -> Any:
-    return _Unpickler(data, theirs).load()
-
-
-# The child's side
-
-
-def serve(owners_package: str, preload: str) -> int:
-    """Do tasks until standard input closes, which ends this process whatever it is doing."""
-    incoming, outgoing = private_channels()
-    tasks: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_receive, args=(os.fdopen(incoming, "rb"), tasks), daemon=True).start()
-    import_module(f"{OWN_PACKAGE}.{preload}")
-    with os.fdopen(outgoing, "wb") as answers:
-        while True:
-            _write(answers, _answer_to(tasks.get(), owners_package))
-
-
-def _receive(stream: IO[bytes], tasks: queue.SimpleQueue[bytes]) -> None:
-    try:
-        while True:
-            tasks.put(_read(stream))
-    except (EOFError, OSError):
-        stop_giving_way()
-        os._exit(0)
-
-
-def _answer_to(message: bytes, owners_package: str) -> bytes:
-    """The pickled answer: whether it worked, the result or the exception, and this process's peak memory."""
-    try:
-        function, args, kwargs = _unpickle(message, owners_package)
-        return pickle.dumps((True, function(*args, **kwargs), peak_memory_mb()), protocol=pickle.HIGHEST_PROTOCOL)
-    except Exception as error:
-        error.add_note("In a worker process:\n" + traceback.format_exc())
-        return _pickled_failure(error)
-
-
-def _pickled_failure(error: Exception) -> bytes:
-    try:
-        message = pickle.dumps((False, error, peak_memory_mb()))
-        pickle.loads(message)  # an exception may be written that cannot be read
-    except Exception:
-        substitute = WorkerError(f"The solver failed ({type(error).__name__}: {error}).")
-        return pickle.dumps((False, substitute, peak_memory_mb()))
-    return message
+    return unpack(parts, PACKAGE)
 
 
 def physical_cores() -> int:
-    """Number of physical cores that this process may use."""
-    from joblib import cpu_count  # only where many workers are wanted: it comes with scikit-learn, and takes its time
+    """Number of physical cores that this process may use.
+
+    joblib knows Windows, macOS and Linux, processor affinity and the limits of containers, which is more than
+    `os.sched_getaffinity` and /proc tell; scikit-learn brings it along.
+    """
+    from joblib import cpu_count  # takes its time, and is needed only where many workers are wanted
 
     return max(1, int(cpu_count(only_physical_cores=True)))

@@ -17,7 +17,9 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
-from ..mesh.projection import closest_points, project
+from ..mesh.closest_points import closest_points
+from ..mesh.normals import face_normals
+from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 
 Array = NDArray[np.float64]
@@ -152,9 +154,9 @@ def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
         if (np.linalg.norm(vertices[rivals] - target, axis=1) < APART * edge[vertex]).any():
             continue
         triangles = mesh.triangles[mesh.fan_triangles[mesh.fan_offsets[vertex] : mesh.fan_offsets[vertex + 1]]]
-        before = _normals(vertices, triangles)
+        before = face_normals(vertices, triangles)
         old, vertices[vertex] = vertices[vertex].copy(), target
-        if ((before * _normals(vertices, triangles)).sum(axis=1) < LEAST_TURN).any():
+        if ((before * face_normals(vertices, triangles)).sum(axis=1) < LEAST_TURN).any():
             vertices[vertex] = old
         else:
             moved[vertex] = True
@@ -168,16 +170,9 @@ def _some(points: Array, count: int) -> Indices:
 
 def _without_folds(mesh: TriangleMesh, vertices: Array) -> TriangleMesh:
     """Move the vertices as far towards new places as no triangle turns over."""
-    before = _normals(mesh.vertices, mesh.triangles)
+    before = face_normals(mesh.vertices, mesh.triangles)
     for share in (1.0, 0.5, 0.25, 0.125):
         moved = mesh.vertices + share * (vertices - mesh.vertices)
-        if ((before * _normals(moved, mesh.triangles)).sum(axis=1) > 0.0).all():
+        if ((before * face_normals(moved, mesh.triangles)).sum(axis=1) > 0.0).all():
             return replace(mesh, vertices=moved)
     return mesh
-
-
-def _normals(vertices: Array, triangles: Indices) -> Array:
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)

@@ -18,7 +18,7 @@ from ..patches.patches import build_patches
 from ..patches.splitting import with_domains
 from ..progress import Steps
 from ..settings import Settings
-from ..surface.assembly import assemble, channels_of
+from ..surface.assembly import assemble
 from ..surface.representation import Representation
 from .observations import CloudObservations, ObservedCloud
 from .oscillation import LOWEST_DEGREE, SAMPLES, Planes, farthest, tamed
@@ -112,7 +112,7 @@ class CloudSurface:
         """Fit some patches by themselves, with other degrees (K,)."""
         self.fits = list(self.fits)
         self.observations = self._observations(self.observed, degrees)
-        chunks = chunk_patches(self.observations, patches, channels_of(self.settings))
+        chunks = chunk_patches(self.observations, patches, self.settings.channels)
         tasks = (chunk_task(self.observations, self.domains, self.settings, chunk) for chunk in chunks)
         for task, fitted in self._crew.run(tasks):
             for patch, fit in zip(task.patches, fitted, strict=True):

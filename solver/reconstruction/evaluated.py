@@ -1,102 +1,29 @@
-"""A reconstruction as flat arrays, for owners that run it in a process of its own (see `job`)."""
+"""A reconstruction as flat arrays: the surface evaluated as a mesh."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ..cloud_settings import CloudSettings
+from ..approximation.approximate import strongest_patch
+from ..interchange import CloudArrays, CloudOutcome
 from ..progress import Steps, within
-
-if TYPE_CHECKING:
-    from ..job import StoredRepresentation
-    from ..surface.representation import Representation
-
-MOST_SPLITS = 32
-
-
-@dataclass(frozen=True)
-class CloudArrays:
-    """A point cloud over a base mesh as flat arrays.
-
-    Attributes
-    ----------
-    points
-        (P, 3) scene units.
-    base_vertices
-        (V, 3).
-    corners, sizes
-        The base's polygons: vertex of each corner, polygon after polygon, (C,); corners of each polygon, (F,).
-    cloud
-        How the points are observed.
-    splits
-        Into how many parts the base's edges are split where the surface is evaluated; 0: about as many vertices as
-        there are points.
-    """
-
-    points: NDArray[np.float32]
-    base_vertices: NDArray[np.float32]
-    corners: NDArray[np.int32]
-    sizes: NDArray[np.int32]
-    cloud: CloudSettings = field(default_factory=CloudSettings)
-    splits: int = 0
-
-
-@dataclass(frozen=True)
-class CloudOutcome:
-    """A reconstructed surface as a mesh.
-
-    Attributes
-    ----------
-    vertices, corners, sizes
-        The surface evaluated on the base with split edges: positions (P, 3) and polygons.
-    error
-        Error of the points around each vertex, (P,).
-    patch
-        Patch with the largest weight at each vertex, (P,).
-    domain_stretch
-        Per polygon.
-    point_error, point_weight
-        Distance of each point from the surface, and how much it counted.
-    splits
-        Into how many parts the base's edges were split.
-    """
-
-    vertices: NDArray[np.float32]
-    corners: NDArray[np.int32]
-    sizes: NDArray[np.int32]
-    error: NDArray[np.float64]
-    patch: NDArray[np.int32]
-    domain_stretch: NDArray[np.float64]
-    point_error: NDArray[np.float64]
-    point_weight: NDArray[np.float64]
-    splits: int
-    report: dict[str, Any]
-    representation: Representation | StoredRepresentation
-    history: None = None
+from ..settings import MOST_AUTOMATIC_SPLITS, Settings
+from ..surface.metrics import domain_jacobians, domain_stretch
+from ..surface.resampling import resample_steps
+from .reconstruct import reconstruct_steps
 
 
 def automatic_splits(points: int, triangles: int) -> int:
-    """Number of parts of each edge that gives a base of so many triangles about as many vertices as there are points.
+    """Number of parts of each edge that gives a base of this many triangles about as many vertices as there are points.
 
     A mesh has half as many vertices as triangles, and the square of the parts as many triangles.
     """
-    return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_SPLITS))
+    return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_AUTOMATIC_SPLITS))
 
 
-def reconstruct_arrays(arrays: CloudArrays, settings: Any) -> Steps[CloudOutcome]:
+def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
     """Reconstruct, and evaluate the surface as a mesh."""
-    from ..approximation.approximate import strongest_patch
-    from ..surface.metrics import domain_jacobians, domain_stretch  # SciPy: not needed where only a child computes
-    from ..surface.resampling import resample_steps
-    from .reconstruct import reconstruct_steps
-
-    corners = np.asarray(arrays.corners, dtype=np.int64)
-    faces = np.split(corners, np.cumsum(arrays.sizes)[:-1]) if len(arrays.sizes) else []
-    steps = reconstruct_steps(arrays.points, arrays.base_vertices, faces, settings, arrays.cloud)
+    steps = reconstruct_steps(arrays.points, arrays.base_vertices, arrays.polygons(), settings, arrays.cloud)
     result = yield from within(steps, 0.0, 0.97)
     representation = result.representation
     splits = arrays.splits or automatic_splits(len(arrays.points), len(representation.triangles))

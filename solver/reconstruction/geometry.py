@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..mesh.grid_cells import one_in_each_cell
+from ..mesh.clustering import one_in_each_cell
+from ..mesh.quadrics import quadric_terms
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -117,8 +118,7 @@ def deviation_from_quadric(near: Array) -> Array:
     local = np.matmul(centred, axes[:, :, ::-1])
     size = np.abs(local[..., :2]).max(axis=(1, 2), initial=0.0)
     u, v = np.moveaxis(local[..., :2] / np.where(size > 0.0, size, 1.0)[:, None, None], 2, 0)
-    functions = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=2)
-    basis, _ = np.linalg.qr(functions)
+    basis, _ = np.linalg.qr(quadric_terms(u, v, axis=2))
     height = local[..., 2]
     left = height - np.matmul(basis, np.matmul(basis.swapaxes(1, 2), height[:, :, None]))[:, :, 0]
     deviation: Array = np.sqrt((left**2).sum(axis=1) / (near.shape[1] - 6))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.chunks import chunk_patches, chunk_task, fit_chunk
-from ..fitting.methods.variable_projection import ANNEALING_STEPS, PROXIMITY_DECAY
+from ..fitting.methods import annealing_solver_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.blending import blending_weights
 from ..patches.cover import build_cover
@@ -74,10 +74,7 @@ def iterations_for_noise(settings: Settings, relative_noise: float) -> int:
     With noise of standard deviation s, in patch radii, and domains expected to move by d the most probable domain
     minimises |residual|^2 + (s / d)^2 |U - U0|^2: going below that weight would fit the domain to the noise.
     """
-    if settings.method != "default" or relative_noise <= 0.0 or settings.beta1 <= 0.0:
+    solver = annealing_solver_of(settings)
+    if solver is None or relative_noise <= 0.0 or settings.beta1 <= 0.0:
         return settings.iterations
-    lowest = (relative_noise / LARGEST_SHIFT) ** 2
-    if lowest >= settings.beta1:
-        return min(1, settings.iterations)
-    count = int(np.log(lowest / settings.beta1) / np.log(PROXIMITY_DECAY)) + 1
-    return min(count, settings.iterations) if count <= ANNEALING_STEPS else settings.iterations
+    return solver.iterations_down_to(settings, (relative_noise / LARGEST_SHIFT) ** 2)

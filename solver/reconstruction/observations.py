@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import offsets_of, row_positions
-from ..mesh.projection import Footpoints
+from ..arrays import offsets_of, row_positions, rows_in_order
+from ..mesh.closest_points import Footpoints
 from ..mesh.sampling import SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.observations import PatchObservations
@@ -123,7 +123,8 @@ class CloudObservations:
             weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
             degrees = affordable_degrees(_by_patch(patches, weights))
         self.degrees = degrees
-        self._corners = _corners_as_in_mesh(mesh, patches)
+        own, wanted = patches.vertices[patches.block_triangles], mesh.triangles[patches.mesh_triangles]
+        self._corners = rows_in_order(patches.triangles, own, wanted)
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 
@@ -165,11 +166,3 @@ def _by_patch(patches: Patches, of_triangles: NDArray[np.generic]) -> Array:
     """Sums over the patches' triangles, (K,), of values of the mesh's triangles, (T,)."""
     sums = np.bincount(patches.triangle_patch, weights=of_triangles[patches.mesh_triangles], minlength=len(patches))
     return sums.astype(np.float64)
-
-
-def _corners_as_in_mesh(mesh: TriangleMesh, patches: Patches) -> Indices:
-    """The patches' triangles with their corners in the order of the mesh's: a patch turns those wound against it."""
-    own = patches.vertices[patches.block_triangles]
-    place = (own[:, None, :] == mesh.triangles[patches.mesh_triangles][:, :, None]).argmax(axis=2)
-    corners: Indices = np.take_along_axis(patches.triangles, place, axis=1)
-    return corners

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..mesh.sampling import triangle_grid
 from ..patches.blending import PLATEAU
 from .geometry import CloudGeometry
 
@@ -69,14 +70,6 @@ def farthest(patches: Indices, planes: Planes, sampled: Callable[[int], tuple[Ar
 def tamed(degrees: Indices) -> Indices:
     """Lower degrees for patches that run away."""
     return np.maximum((TAMER * degrees).astype(np.int64), LOWEST_DEGREE)
-
-
-def triangle_grid(splits: int) -> Array:
-    """Barycentric coordinates of the grid that splits a triangle's sides evenly, ((n + 1) (n + 2) / 2, 3)."""
-    i, j = np.divmod(np.arange((splits + 1) ** 2), splits + 1)
-    inside = i + j <= splits
-    i, j = i[inside], j[inside]
-    return np.column_stack([splits - i - j, i, j]) / splits
 
 
 SAMPLES = triangle_grid(SPLITS)

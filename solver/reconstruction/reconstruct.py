@@ -19,12 +19,12 @@ from scipy.spatial import cKDTree
 
 from ..approximation.approximate import SOLVE_ENDS, STAGES, SWEEPS_END, Stopwatch, iteration_measures
 from ..approximation.runner import Crew, crew_for
-from ..cloud_settings import CloudSettings
 from ..errors import InputError
-from ..mesh.projection import Footpoints, project, walk
+from ..mesh.closest_points import Footpoints
+from ..mesh.projection import project, walk
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import FINISH, Progress, Steps, run_to_end, within
-from ..settings import Settings
+from ..settings import CloudSettings, Settings
 from ..surface.metrics import domain_jacobians, flipped_triangles, seam, statistics
 from ..surface.representation import Representation
 from ..version import VERSION
@@ -109,6 +109,8 @@ def reconstruct(
 ) -> Reconstruction:
     """Fit a sparse surface over a base mesh to a point cloud.
 
+    Minimises what `approximate` does, with the points as observations at their projections onto the base.
+
     Parameters
     ----------
     points
@@ -129,6 +131,13 @@ def reconstruct(
     ------
     InputError
         When points or base cannot be worked on, in one sentence.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import reconstruct
+    >>> result = reconstruct(points, base_vertices, base_faces)
+    >>> result.error.shape == (len(points),)
+    True
     """
     return run_to_end(reconstruct_steps(points, base_vertices, base_faces, settings, cloud, executor=executor), report)
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from ..mesh.edges import connected_parts
+from ..mesh.normals import face_normals, unit
 from ..mesh.triangle_mesh import build_mesh
 
 Array = NDArray[np.float64]
@@ -44,10 +46,7 @@ SMOOTHING_ROUNDS = 40
 
 def parts(triangles: Indices, count: int) -> Indices:
     """Number of the connected part that each of `count` vertices belongs to, (V,)."""
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    graph = sp.coo_matrix((np.ones(len(sides)), (sides[:, 0], sides[:, 1])), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
-    return np.asarray(part, dtype=np.int64)
+    return connected_parts(triangles[:, :2].ravel(), triangles[:, 1:].ravel(), count)[1]
 
 
 def signed_volumes(vertices: Array, triangles: Indices, part: Indices) -> Array:
@@ -125,16 +124,12 @@ def one_side(vertices: Array, triangles: Indices, points: Array) -> tuple[Array,
     """
     tree = cKDTree(points)
     normals = oriented_normals(points, _smooth_normals(points, tree))
-    ends = vertices[triangles]
-    across = np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0])
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    facing = (across * normals[tree.query(ends.mean(axis=1))[1]]).sum(axis=1)
+    nearest = tree.query(vertices[triangles].mean(axis=1))[1]
+    facing = (face_normals(vertices, triangles) * normals[nearest]).sum(axis=1)
     vertices, triangles = _large_parts(vertices, triangles[facing > FACING])
     near = tree.query(vertices, k=min(4, len(points)))[1].reshape(len(vertices), -1)
     away = ((vertices[:, None] - points[near]) * normals[near]).sum(axis=2).mean(axis=1)
-    direction = normals[near].mean(axis=1)
-    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
-    vertices = vertices - away[:, None] * direction
+    vertices = vertices - away[:, None] * unit(normals[near].mean(axis=1))
     vertices, triangles = _large_parts(vertices, triangles[~_beyond(vertices[triangles].mean(axis=1), points, tree)])
     return smoothed(vertices, triangles), triangles
 

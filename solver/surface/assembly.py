@@ -16,16 +16,11 @@ from .representation import Representation
 Array = NDArray[np.float64]
 
 
-def channels_of(settings: Settings) -> int:
-    """Number of domains that a patch has."""
-    return 3 if settings.domains == "separate" else 1
-
-
 def assemble(
     mesh: TriangleMesh, patches: Patches, weights: Array, fits: list[PatchFit], settings: Settings
 ) -> Representation:
     """Put the fitted patches together."""
-    channels = channels_of(settings)
+    channels = settings.channels
     sparsity = max((fit.support.shape[1] for fit in fits), default=0)
     iterations = max((len(fit.energy) for fit in fits), default=0)
 

@@ -8,14 +8,12 @@ can be read off: edges across which the domain is stretched and the surface turn
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..fitting.domain_energy import DomainEnergy
+from ..mesh.normals import angle_between
 from ..mesh.triangle_mesh import TriangleMesh
 from .representation import Representation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CREASE_DEGREES = 25.0
 """Least angle between the surface's normals at the centroids on both sides of a crease."""
@@ -98,4 +96,4 @@ def _turn(representation: Representation, mesh: TriangleMesh, sides: Indices) ->
     normals[asked] = representation.normals(asked, np.full((len(asked), 3), 1.0 / 3.0))
     normals *= np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
     one, other = normals[sides[:, 0]], normals[sides[:, 1]]
-    return np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1)))
+    return np.degrees(angle_between(one, other))

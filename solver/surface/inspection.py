@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..errors import InputError
 from .representation import Representation
 from .resampling import face_corners_of_triangles, resample
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CHART_MARGIN = 0.04
 """Space around each chart of an atlas, as a share of its tile."""

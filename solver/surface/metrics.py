@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ..arrays import runs_of_rows
 from ..fitting.domain_energy import DomainEnergy, determinant
+from ..mesh.edges import edge_keys
+from ..mesh.normals import angle_between, face_normals
 from ..mesh.sampling import SURFACE_SAMPLES
 from .representation import Representation
 
@@ -116,7 +118,7 @@ def pairs_across_edges(representation: Representation) -> EdgePairs:
     """Find the triangles that meet at edges of the input mesh, and where patches end between them."""
     triangles = representation.triangles
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    key = np.minimum(starts, ends) * len(representation.vertices) + np.maximum(starts, ends)
+    key = edge_keys(starts, ends, len(representation.vertices))
     order = np.argsort(key, kind="stable")
     same = key[order][1:] == key[order][:-1]
     alone = np.ones(len(same), dtype=bool)
@@ -144,21 +146,12 @@ def _cover_fingerprint(representation: Representation) -> Indices:
 
 def normal_error(before: Array, after: Array, triangles: Indices) -> float:
     """Mean angle between the face normals of two meshes, degrees; triangles without area do not count."""
-    normals = [_unit_normals(vertices, triangles) for vertices in (before, after)]
+    normals = [face_normals(vertices, triangles) for vertices in (before, after)]
     usable = (np.abs(normals[0]).sum(axis=1) > 0.0) & (np.abs(normals[1]).sum(axis=1) > 0.0)
     if not usable.any():
         return 0.0
     one, other = normals[0][usable], normals[1][usable]
-    # atan2 keeps its precision for small angles, where the arc cosine loses it
-    angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
-    return float(np.degrees(angle).mean())
-
-
-def _unit_normals(vertices: Array, triangles: Indices) -> Array:
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    return float(np.degrees(angle_between(one, other)).mean())
 
 
 def domain_jacobians(representation: Representation) -> tuple[Array, Array]:

@@ -1,41 +1,42 @@
-"""The representation: everything that is needed to evaluate the surface anywhere.
-
-At a point x of a triangle the surface is the blend S(x) = sum_k phi_k(x) h_k(Phi_k(x)) of the patches that contain the
-triangle; h_k is a sparse polynomial, Phi_k maps the triangle linearly into the patch's optimised domain, and phi_k is
-linear on the triangle.  What the weights miss of a sum of one goes to the input itself.
-"""
+"""The representation: everything that is needed to evaluate the surface anywhere."""
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import runs_of_rows
+from ..arrays import Array, Indices, rows_in_order, runs_of_rows
+from ..atomic_files import atomic_output
 from ..errors import InputError
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from ..mesh.normals import unit
+from . import files
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
 
 ROUNDING = 1e-12
-"""What weights may miss a sum of one by."""
+"""By how much a sum of weights may miss one."""
 
 SLACK = 1e-4
-"""What barycentric coordinates may be off by; single precision computes them to 1e-7."""
+"""By how much barycentric coordinates may be off; single precision computes them to 1e-7."""
 
 
 @dataclass(frozen=True)
 class Representation:
     """K patches over a mesh of V vertices, T triangles; M patch vertices and S patch triangles in ragged arrays.
+
+    The surface at a point x of a triangle is S(x) = sum_k phi_k(x) h_k(Phi_k(x)) + (1 - sum_k phi_k(x)) x, the sum over
+    the patches that contain the triangle (eqs. 1 and 6, section 4.2): h_k is a sparse polynomial, Phi_k maps the
+    triangle linearly into the patch's optimised domain, and phi_k is linear on the triangle.
 
     Attributes
     ----------
@@ -105,9 +106,7 @@ class Representation:
         """
         counts = np.diff(self.triangle_offsets)
         own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
-        wanted = self.triangles[self.mesh_triangles]
-        place = (self.patch_vertices[own][:, None, :] == wanted[:, :, None]).argmax(axis=2)
-        return np.take_along_axis(own, place, axis=1)
+        return rows_in_order(own, self.patch_vertices[own], self.triangles[self.mesh_triangles])
 
     @cached_property
     def patch_of_triangle(self) -> Indices:
@@ -146,24 +145,6 @@ class Representation:
         """Coefficients spread over the degrees, (K, 3, t + 1, t + 1)."""
         return coefficient_grid(self.dictionary.degrees, self.support, self.coefficients, self.degree)
 
-    def patch_values(self, patch: int, domain: Array) -> Array:
-        """Values of one patch's functions.
-
-        Parameters
-        ----------
-        patch
-            Number of the patch.
-        domain
-            Parameters in the patch's frame, (C, N, 2).
-
-        Returns
-        -------
-        ndarray
-            Points in scene units, (N, 3).
-        """
-        u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
-        return self._combined(patch, u, v).T + self.origins[patch]
-
     def _combined(self, patch: int, u: Array, v: Array) -> Array:
         """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
         return combine(self._grids[patch], u, v) / self.scales[patch][:, None]
@@ -187,10 +168,8 @@ class Representation:
 
         Yields
         ------
-        triangles
-            A run of patch triangles.
-        values
-            The patches' own surfaces there, (n, q, 3), scene units.
+        triangles, values
+            A run of patch triangles, and the patches' own surfaces there, (n, q, 3), scene units.
         """
         count = len(samples)
         for first, end in runs_of_rows(self.triangle_offsets, POINTS_AT_ONCE // count):
@@ -229,8 +208,8 @@ class Representation:
         points[total == 0.0] = self.vertices[total == 0.0]
         return points
 
-    def evaluate(self, face_index: Indices, barycentric: Array) -> Array:
-        """Evaluate the surface.
+    def evaluate(self, face_index: ArrayLike, barycentric: ArrayLike) -> Array:
+        """Evaluate the surface S(x) at points x of the mesh.
 
         Parameters
         ----------
@@ -248,35 +227,48 @@ class Representation:
         ------
         InputError
             When a triangle does not exist or the arrays do not fit.
+
+        Examples
+        --------
+        >>> from sparse_surface.solver import approximate
+        >>> surface = approximate(vertices, faces).representation
+        >>> surface.evaluate([0, 5], [[1, 0, 0], [0.2, 0.3, 0.5]]).shape
+        (2, 3)
         """
         return self._evaluate(face_index, barycentric, tangents=False)[:, 0]
 
-    def evaluate_with_tangents(self, face_index: Indices, barycentric: Array) -> tuple[Array, Array]:
+    def evaluate_with_tangents(self, face_index: ArrayLike, barycentric: ArrayLike) -> tuple[Array, Array]:
         """Evaluate the surface and its first derivatives; parameters and errors as in `evaluate`.
 
         Returns
         -------
-        points
-            (N, 3).
-        tangents
-            Derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (N, 2, 3), scene units.
+        points, tangents
+            (N, 3), and the derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (N, 2, 3), scene units.
         """
         result = self._evaluate(face_index, barycentric, tangents=True)
         return result[:, 0], result[:, 1:]
 
-    def normals(self, face_index: Indices, barycentric: Array) -> Array:
+    def normals(self, face_index: ArrayLike, barycentric: ArrayLike) -> Array:
         """Unit normals of the surface, (N, 3); zero where the surface has no tangent plane."""
         tangents = self.evaluate_with_tangents(face_index, barycentric)[1]
-        normal = np.cross(tangents[:, 0], tangents[:, 1])
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+        return unit(np.asarray(np.cross(tangents[:, 0], tangents[:, 1]), dtype=np.float64))
 
     @cached_property
     def stored(self) -> bytes:
-        """The representation as the content of a file."""
-        from . import files as storage
+        """The representation as the content of a file; the same bytes for the same representation.
 
-        return storage.to_bytes(self)
+        Arrays are stored in small types, with the surface the same to 1e-6 of its longest side.
+        """
+        arrays = {name: getattr(self, name) for name in files.LAYERS}
+        rounded = self.domains.astype("<f4")
+        if self._moved_by(rounded) <= files.HARMLESS:
+            arrays["domains"] = rounded
+        return files.to_bytes({"blending": self.blending, "basis": self.basis, "degree": self.degree}, arrays)
+
+    def _moved_by(self, domains: NDArray[np.float32]) -> float:
+        """Largest move of a patch's surface when its domains are replaced by rounded ones, in longest sides."""
+        moved = replace(self, domains=domains.astype(np.float64)).at_patch_vertices - self.at_patch_vertices
+        return float(np.abs(moved).max(initial=0.0)) / float(np.ptp(self.vertices, axis=0).max())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
@@ -285,14 +277,19 @@ class Representation:
         ------
         OSError
             When the file cannot be written.
-        """
-        from . import files as storage
 
-        storage.save(self, path)
+        Examples
+        --------
+        >>> from sparse_surface.solver import approximate, load, save
+        >>> save(approximate(vertices, faces).representation, folder / "model.npz")
+        >>> points = load(folder / "model.npz").at_vertices()
+        """
+        with atomic_output(Path(path)) as draft:
+            draft.write_bytes(self.stored)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Representation:
-        """Read what `save` wrote.
+        """Read what `save` wrote; the surface is the same to 1e-6 of its longest side.
 
         Raises
         ------
@@ -301,11 +298,15 @@ class Representation:
         OSError
             When there is no such file, or it cannot be read.
         """
-        from . import files as storage
+        with open(path, "rb") as file:
+            return cls(**files.from_file(file, f"'{Path(path).name}'"))
 
-        return storage.load(path)
+    @classmethod
+    def from_bytes(cls, data: bytes, name: str = "The stored representation") -> Representation:
+        """Read what `stored` returned; `name` begins the sentence in which damaged bytes are refused."""
+        return cls(**files.from_file(io.BytesIO(data), name))
 
-    def _evaluate(self, face_index: Indices, barycentric: Array, tangents: bool) -> Array:
+    def _evaluate(self, face_index: ArrayLike, barycentric: ArrayLike, tangents: bool) -> Array:
         """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
 
         The points are sorted by triangle, so that each patch finds its own in runs.
@@ -384,7 +385,7 @@ class Representation:
         return sums
 
 
-def _checked_queries(face_index: Indices, barycentric: Array, triangles: int) -> tuple[Indices, Array]:
+def _checked_queries(face_index: ArrayLike, barycentric: ArrayLike, triangles: int) -> tuple[Indices, Array]:
     face, inside = np.asarray(face_index), np.asarray(barycentric, dtype=np.float64)
     if face.ndim != 1 or inside.shape != (len(face), 3):
         raise InputError("Evaluating needs N face numbers and an array of N x 3 barycentric coordinates.")
@@ -394,3 +395,6 @@ def _checked_queries(face_index: Indices, barycentric: Array, triangles: int) ->
     if len(face) and not (inside.min() >= -SLACK and abs(inside.sum(axis=1) - 1.0).max() <= SLACK):
         raise InputError("Barycentric coordinates must be three numbers from 0 to 1 with the sum 1 for each point.")
     return face.astype(np.int64), inside
+
+
+save, load = Representation.save, Representation.load

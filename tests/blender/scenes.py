@@ -17,11 +17,11 @@ def enable_extension() -> None:
     assert addon_utils.enable(EXTENSION) is not None
 
 
-def creased_sheet(size: int = 24, name: str = "Sheet") -> Any:
-    """Return a selected sheet of size x size vertices with sharp folds, made of quads."""
+def creased_sheet(size: int = 24, name: str = "Sheet", steps: float = 2.0) -> Any:
+    """Return a selected sheet of size x size vertices with sharp folds, made of quads; more `steps`, more folds."""
     axis = np.linspace(-1.0, 1.0, size)
     x, y = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
-    z = 0.2 * np.abs(np.mod(2.0 * (0.8 * x + 0.6 * y), 2.0) - 1.0) + 0.05 * np.sin(4.0 * x * y)
+    z = 0.2 * np.abs(np.mod(steps * (0.8 * x + 0.6 * y), 2.0) - 1.0) + 0.05 * np.sin(4.0 * x * y)
     corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
     faces = np.stack([corner, corner + size, corner + size + 1, corner + 1], axis=1)
     return mesh_object(name, np.stack([x, y, z], axis=1), faces.tolist())

@@ -44,7 +44,7 @@ def test_tolerance_is_a_length():
 
 
 def test_every_setting_is_on_a_panel():
-    placed = panels.MAIN + panels.DOMAIN + panels.DICTIONARY + panels.PAPER + panels.SWEEPS + panels.OUTPUT
+    placed = panels.MAIN + panels.DOMAIN + panels.DICTIONARY + panels.OF_ONE_METHOD + panels.SWEEPS + panels.OUTPUT
     placed += panels.NOISE + panels.MORE
     assert sorted(placed) == sorted(FIELDS)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver.mesh.normals import triangle_areas
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
-from sparse_surface.solver.mesh.triangulation import triangle_areas
 
 CLOSED = {
     models.cube: 1.0,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import FINISH, Settings, approximate
-from sparse_surface.solver.job import Job, MeshArrays, approximate_arrays
+from sparse_surface.solver.interchange import MeshArrays
+from sparse_surface.solver.job import Job, approximate_arrays
 from sparse_surface.solver.processes.child import start_child
 from sparse_surface.solver.progress import Progress, run_to_end
 
@@ -39,8 +40,8 @@ def creased_grid(size: int) -> MeshArrays:
 
 
 @pytest.fixture
-def job(tmp_path: Path) -> Iterator[Job]:
-    made = Job(tmp_path / "job")
+def job() -> Iterator[Job]:
+    made = Job()
     yield made
     made.stop()
 
@@ -89,6 +90,64 @@ def test_result_is_that_of_a_plain_call(job: Job) -> None:
     assert job.outcome.report["settings"] == QUICK.resolved().as_dict()
 
 
+def test_the_representation_is_opened_when_it_is_used(job: Job) -> None:
+    arrays = creased_grid(24)
+    job.start(arrays, QUICK)
+    wait(job)
+    assert job.outcome is not None, job.failure
+    here = approximate(arrays.vertices, arrays.polygons(), QUICK).representation
+    brought = job.outcome.representation
+    assert brought.stored[:2] == b"PK"
+    assert "_opened" not in vars(brought)
+    points = np.zeros(20, dtype=np.int64), np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 20)
+    # a file holds single precision
+    np.testing.assert_allclose(brought.evaluate(*points), here.evaluate(*points), atol=1e-6)
+
+
+def test_a_result_is_taken_in_without_scipy() -> None:
+    """In Blender's process, which would wait for it."""
+    script = f"""
+import sys, time
+sys.path[:] = {sys.path!r}
+import numpy as np
+from sparse_surface.solver.interchange import MeshArrays
+from sparse_surface.solver.job import Job
+from sparse_surface.solver.settings import Settings
+x, y = np.divmod(np.arange(64), 8)
+first = (np.arange(7)[:, None] * 8 + np.arange(7)).ravel()
+triangles = np.concatenate([np.stack([first, first + 8, first + 9], 1), np.stack([first, first + 9, first + 1], 1)])
+of = np.arange(98, dtype=np.int32)
+vertices = np.stack([x, y, np.abs(x - 3.5)], 1).astype(np.float32)
+corners = triangles.astype(np.int32)
+job = Job()
+job.start(MeshArrays(vertices, corners.ravel(), np.full(98, 3, np.int32), corners, of), Settings(workers=1))
+while job.running:
+    job.poll()
+    time.sleep(0.01)
+print(job.failure, len(job.outcome.vertices), len(job.outcome.representation.stored) > 0, "scipy" in sys.modules)
+job.stop()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["64", "True", "False"]
+
+
+def test_what_a_busy_owner_misses_does_not_pile_up(job: Job) -> None:
+    """The newest progress is left, with the newest surface."""
+    arrays = creased_grid(60)
+    job.start(arrays, Settings(iterations=12, sweeps=0, workers=1), previews=True)
+    end = time.monotonic() + 120.0
+    while not job._future.done():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    newest = job.poll()
+    assert newest is not None
+    assert newest.vertices is not None
+    assert newest.vertices.shape == arrays.vertices.shape
+    assert newest.fraction > 0.9
+    assert job.outcome is not None
+    assert job.poll() is None
+
+
 def test_polygons_of_different_sizes_arrive() -> None:
     arrays = creased_grid(3)
     mixed = MeshArrays(
@@ -117,7 +176,6 @@ def test_progress_rises_and_previews_come_nearer(job: Job) -> None:
         assert np.abs(preview - arrays.vertices).max() < 0.2
     off = [float(np.linalg.norm(preview - arrays.vertices)) for preview in previews]
     assert off[-1] < off[0]
-    assert not list(job.folder.glob("preview_*"))
 
 
 def test_no_previews_unless_asked_for(job: Job) -> None:
@@ -146,7 +204,7 @@ def test_what_was_asked_for_besides_comes_along(job: Job) -> None:
     assert here.history is not None
     assert len(here.creases) > 20
     assert np.array_equal(job.outcome.creases, here.creases)
-    assert np.array_equal(job.outcome.history, here.history.astype(np.float32))
+    assert np.array_equal(job.outcome.history, here.history)
 
 
 def test_refusal_is_one_sentence(job: Job) -> None:
@@ -159,16 +217,21 @@ def test_refusal_is_one_sentence(job: Job) -> None:
     assert "\n" not in job.failure
 
 
-def test_stopping_ends_the_process_and_removes_the_folder(job: Job) -> None:
+def child_of(job: Job) -> int:
+    assert job._executor is not None
+    process = job._executor._crew[0]._process
+    assert process is not None
+    return process.pid
+
+
+def test_stopping_ends_the_process(job: Job) -> None:
     job.start(creased_grid(100), Settings(workers=2))
     wait_for_progress(job)
-    assert job._process is not None
-    process = job._process.pid
+    process = child_of(job)
     before = time.monotonic()
     job.stop()
     assert time.monotonic() - before < 0.5
     assert not is_alive(process)
-    assert not job.folder.exists()
     job.stop()
     assert not job.running
     assert job.poll() is None
@@ -187,10 +250,37 @@ def test_finishing_early_keeps_what_is_there(job: Job) -> None:
 def test_a_killed_process_is_told(job: Job) -> None:
     job.start(creased_grid(100), Settings(workers=1))
     wait_for_progress(job)
-    assert job._process is not None
-    job._process.kill()
+    os.kill(child_of(job), signal.SIGKILL)
     wait(job, seconds=5.0)
     assert "ended before its work was done" in job.failure
+
+
+def test_a_message_that_a_dying_child_cut_is_no_crash(tmp_path: Path) -> None:
+    (tmp_path / "dying.py").write_text(
+        """
+import os, sys
+sys.stdin.buffer.read(8)
+os.write(1, (1).to_bytes(8, "little") + (100).to_bytes(8, "little") + b"half")
+sys.exit("The disk is on fire")
+"""
+    )
+    job = Job((sys.executable, str(tmp_path / "dying.py")))
+    job.start(creased_grid(4), QUICK)
+    wait(job, seconds=20.0)
+    assert job.failure == "The solver's process ended before its work was done: The disk is on fire."
+    job.stop()
+
+
+def test_a_forgotten_job_takes_its_child_with_it() -> None:
+    job = Job()
+    job.start(creased_grid(100), Settings(workers=1))
+    wait_for_progress(job)
+    process = child_of(job)
+    del job
+    end = time.monotonic() + 10.0
+    while is_alive(process):
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="another system's means are tested below")
@@ -198,8 +288,7 @@ def test_every_process_gives_way(job: Job) -> None:
     """The window draws with threads that wake up all the time; each time it must get its processor at once."""
     job.start(creased_grid(100), Settings(workers=2))
     wait_for_progress(job)
-    assert job._process is not None
-    family = [job._process.pid, *descendants(job._process.pid)]
+    family = [child_of(job), *descendants(child_of(job))]
     assert len(family) == 3
     assert {os.sched_getscheduler(member) for member in family} == {os.SCHED_IDLE}
     assert os.sched_getscheduler(0) != os.SCHED_IDLE
@@ -211,37 +300,39 @@ def test_a_child_gives_way_on_windows_too(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0x4000, raising=False)
     monkeypatch.setattr(subprocess, "Popen", lambda *args, creationflags, **kwargs: started.append(creationflags))
     with tempfile.TemporaryFile() as log:
-        start_child("job", "folder", stderr=log, gives_way=True)
-        start_child("job", "folder", stderr=log)
+        start_child("errors", stderr=log, gives_way=True)
+        start_child("errors", stderr=log)
     assert [flags & 0x4000 for flags in started] == [0x4000, 0]
 
 
 def test_a_python_that_cannot_start_is_told(tmp_path: Path) -> None:
-    job = Job(tmp_path / "job", python=(str(tmp_path / "no python"),))
-    with pytest.raises(OSError, match="no python"):
-        job.start(creased_grid(4), QUICK)
-    assert not job.folder.exists()
-    assert not job.running
+    job = Job((str(tmp_path / "no python"),))
+    job.start(creased_grid(4), QUICK)
+    wait(job, seconds=5.0)
+    assert "could not be started" in job.failure
+    assert "no python" in job.failure
+    job.stop()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
 def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
-    """The owner is killed the hard way; its child, the child's workers and the folder go."""
+    """The owner is killed the hard way; its child and the child's workers go."""
     script = f"""
 import sys, time
 sys.path[:] = {sys.path!r}
 import numpy as np
 from pathlib import Path
-from sparse_surface.solver.job import Job, MeshArrays
+from sparse_surface.solver.interchange import MeshArrays
+from sparse_surface.solver.job import Job
 from sparse_surface.solver import Settings
 names = "vertices", "corners", "sizes", "triangles", "triangle_polygons"
 arrays = {{name: np.load(Path({str(tmp_path)!r}) / f"{{name}}.npy") for name in names}}
-job = Job(Path({str(tmp_path / "job")!r}))
+job = Job()
 job.start(MeshArrays(**arrays), Settings(workers=2))
 while True:
     step = job.poll()
     if step is not None and step.fraction > 0.05:
-        print(job._process.pid, flush=True)
+        print(job._executor._crew[0]._process.pid, flush=True)
         time.sleep(60)
 """
     for name, array in vars(creased_grid(80)).items():
@@ -256,7 +347,7 @@ while True:
     owner.wait()
     owner.stdout.close()
     end = time.monotonic() + 10.0
-    while any(is_alive(member) for member in family) or (tmp_path / "job").exists():
+    while any(is_alive(member) for member in family):
         assert time.monotonic() < end, family
         time.sleep(0.02)
 
@@ -273,22 +364,6 @@ def descendants(ancestor: int) -> list[int]:
         new = [process for process, parent in parents.items() if parent in new]
         found += new
     return found
-
-
-def test_messages_are_lines_of_json(tmp_path: Path) -> None:
-    """What a child says can be read by any owner; whatever prints goes elsewhere."""
-    job = Job(tmp_path / "job")
-    job.folder.mkdir()
-    job._write_input(creased_grid(12), QUICK, False)
-    process = job._start_child()
-    assert process.stdout is not None
-    messages = [json.loads(line) for line in process.stdout]
-    assert process.wait() == 0
-    assert messages[-1] == {"kind": "done"}
-    assert {message["kind"] for message in messages[:-1]} == {"progress"}
-    assert process.stdin is not None
-    process.stdin.close()
-    process.stdout.close()
 
 
 def test_requests_pass_into_the_work() -> None:
@@ -323,8 +398,7 @@ def test_what_ends_does_not_wait_for_others_work():
 import sys
 sys.path[:] = {sys.path!r}
 import os, threading
-from sparse_surface.solver.processes.child import stop_giving_way
-from sparse_surface.solver.processes.child_main import give_way
+from sparse_surface.solver.processes.child_main import give_way, stop_giving_way
 give_way()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 policies = lambda: sorted(os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task"))

@@ -23,8 +23,16 @@ from typing import Any
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "blender"))
+import scenes
+
+select = scenes.select
+
 Steps = Generator[float, None, None]
 """A test: between two of its `yield SECONDS` Blender draws and handles events."""
+
+RESULT = "Creased Sparse Surface"
+"""The result's name for the sheet that `start_job` adds."""
 
 _ARGUMENTS = sys.argv[sys.argv.index("--") + 1 :]
 
@@ -143,30 +151,10 @@ def clear_scene() -> None:
 
 def add_creased_grid(size: int, name: str = "Creased", steps: float = 3.0) -> Any:
     """Add and select a square sheet of size x size vertices with sharp folds across its edges' directions."""
-    import numpy as np
-
-    axis = np.linspace(-1.0, 1.0, size)
-    x, y = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
-    z = 0.2 * np.abs(np.mod(steps * (0.8 * x + 0.6 * y), 2.0) - 1.0) + 0.05 * np.sin(4.0 * x * y)
-    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
-    faces = np.stack([corner, corner + size, corner + size + 1, corner + 1], axis=1)
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(np.stack([x, y, z], axis=1).tolist(), [], faces.tolist())
-    made = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(made)
-    select(made)
+    made = scenes.creased_sheet(size, name, steps)
     with in_viewport():
         bpy.ops.ed.undo_push(message=f"Add {name}")
     return made
-
-
-def select(*objects: Any) -> None:
-    """Select these objects only; the last becomes active."""
-    layer = bpy.context.view_layer
-    layer.update()
-    for other in layer.objects:
-        other.select_set(other in objects)
-    layer.objects.active = objects[-1] if objects else None
 
 
 def press(key: str, *, at: Any = None, **modifiers: bool) -> None:
@@ -182,6 +170,29 @@ def approximate() -> set[str]:
     """Press the button."""
     with in_viewport():
         return set(bpy.ops.sparse_surface.approximate("INVOKE_DEFAULT"))
+
+
+def start_job(size: int = 60, **settings: Any) -> Generator[float, None, Any]:
+    """Begin on a fresh sheet and wait until the solver says something."""
+    clear_scene()
+    for name, value in settings.items():
+        setattr(bpy.context.scene.sparse_surface, name, value)
+    sheet = add_creased_grid(size)
+    yield 0.3
+    assert approximate() == {"RUNNING_MODAL"}
+    yield from wait_for(lambda: running().progress, 60.0, "first word of the solver")
+    return sheet
+
+
+def assert_nothing_left(objects: set[str]) -> Steps:
+    """No run, no child process, no preview, no status text."""
+    yield from wait_for(lambda: running() is None, 2.0, "end of the run")
+    yield from wait_for(lambda: not children(), 2.0, "end of the child")
+    yield 0.3
+    assert {each.name for each in bpy.data.objects} == objects, [each.name for each in bpy.data.objects]
+    assert len(bpy.data.meshes) == len(objects), [each.name for each in bpy.data.meshes]
+    with in_viewport():
+        assert bpy.ops.sparse_surface.approximate.poll() == bool(bpy.context.selected_objects)
 
 
 def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Steps:
@@ -208,7 +219,7 @@ def children() -> list[int]:
     found = []
     for command in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
-            if b"worker.py" in command.read_bytes():
+            if b"child_main.py" in command.read_bytes():
                 found.append(int(command.parent.name))
     return found
 

@@ -1,8 +1,12 @@
-"""The linear systems of the default patch solver: Gauss-Newton steps of many domains at once, matrix-free.
+"""The linear systems of the default method: Gauss-Newton steps of many domains at once, matrix-free.
 
-The Jacobian of signal d's residual is -(I - Q_d^T Q_d) G_d W: W takes the vertices' moves to the observations, G_d are
-the fitted function's gradients there, and the projection takes out what the coefficients make good (Kaufman 1975).
-Only a direction comes of it, so single precision does, at half the memory traffic.
+The Jacobian of signal d's residual is J_d = -(I - Q_d^T Q_d) G_d W: W maps the vertices' moves to the observations, G_d
+are the fitted function's gradients there, and the projection removes what the coefficients compensate (Kaufman 1975).
+With L the Laplacian of the initial domain, the move x of the vertices solves
+
+    (sum_d J_d^T J_d + (beta1 + damping) I + beta2 L) x = force.
+
+The result is only a search direction, so single precision suffices, at half the memory traffic.
 """
 
 from __future__ import annotations
@@ -12,24 +16,24 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..batch import Batch
 
-Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 CONJUGATE_GRADIENT_STEPS = 16
 
 SMALLEST_DETERMINANT = 1e-30
-"""Vertices on which a problem depends no more than that stay; the inverse has to fit into single precision."""
+"""Vertices whose 2 x 2 block has a smaller determinant stay: its inverse would not fit into single precision."""
 
 LARGEST_SLOPE = 1e6
-"""Systems with steeper functions are divided by their square: single precision could not hold its own squares."""
+"""Systems with steeper functions are divided by its square, which single precision could not hold."""
 
 
 def gauss_newton_move(
     batch: Batch, orthonormal: Array, gradient: Array, weights: tuple[float, float], damping: Array, force: Array
 ) -> Array:
-    """A few preconditioned conjugate-gradient steps on the damped Gauss-Newton system, all problems at once.
+    """Take a few preconditioned conjugate-gradient steps on the damped Gauss-Newton systems of all problems.
 
     Parameters
     ----------
@@ -76,7 +80,7 @@ def gauss_newton_move(
 
 
 def _units(gradient: Array) -> Array:
-    """What each problem's slopes are measured in, (B,): one, but for far steeper functions than a surface has."""
+    """Unit of each problem's slopes, (B,): one, except for functions far steeper than those of a surface."""
     largest = np.maximum(gradient.max(axis=(0, 2, 3)), -gradient.min(axis=(0, 2, 3)))
     return np.where(largest > LARGEST_SLOPE, largest, 1.0)
 
@@ -91,7 +95,7 @@ def _in_units(gradient: Array, unit: Array) -> Array:
 def _conjugate_gradients(
     apply: Callable[[Singles], Singles], precondition: Callable[[Singles], Singles], force: Singles
 ) -> Singles:
-    """Every problem has step lengths of its own; vectors are (2, B, m)."""
+    """Run conjugate gradients with a step length for each problem; vectors are (2, B, m)."""
 
     def dot(a: Singles, b: Singles) -> Singles:
         return np.einsum("cbm,cbm->b", a, b)[:, None]

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from noisy import distance_from_clean, with_noise
 from sparse_surface.benchmarks import generated_models as models
-from sparse_surface.solver import FINISH, PRESETS, Progress, Representation, Settings, approximate
+from sparse_surface.solver import FINISH, PRESETS, Progress, Representation, Settings, approximate, denoise
 from sparse_surface.solver.approximation.approximate import approximate_steps
-from sparse_surface.solver.denoising import denoise
 
 ONLY = Settings(workers=1, **PRESETS["denoise"])
 FIRST = Settings(workers=1, denoise="first", ring=4, degree=8, sparsity=8, iterations=3, sweeps=0)

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from noisy import Array, Indices, diagonal, distance_from_clean, face_normals, halved, with_noise
 from sparse_surface.benchmarks import generated_models as models
-from sparse_surface.solver import FINISH, InputError, Progress, SettingsError
-from sparse_surface.solver.denoising import denoise, denoise_steps
+from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, denoise, denoise_steps
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
 from sparse_surface.solver.denoising.normal_filter import filter_normals
-from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule, quadratic_terms
+from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from threadpoolctl import threadpool_limits
 
 CLEAN = (
     "cube",
@@ -223,6 +223,21 @@ def test_same_input_same_bytes() -> None:
     assert denoise(noisy, faces).vertices.tobytes() == denoise(noisy, faces).vertices.tobytes()
 
 
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_neither_threads_nor_memory_change_a_bit(threads: int) -> None:
+    vertices, faces = noisy_cube()
+    rng = np.random.default_rng(threads)
+    expected = None
+    for _ in range(3):
+        scattered = [np.empty(int(size), np.uint8) for size in rng.integers(1, 200_000, 200)]
+        del scattered[::3]
+        with threadpool_limits(threads, user_api="blas"):
+            moved = denoise(vertices, faces).vertices.tobytes()
+        with threadpool_limits(1, user_api="blas"):
+            expected = expected or denoise(vertices, faces).vertices.tobytes()
+        assert moved == expected
+
+
 def test_place_scale_and_turn_do_not_matter() -> None:
     noisy, faces = noisy_cube()
     turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
@@ -401,7 +416,8 @@ def test_a_patch_is_the_weighted_least_squares_quadratic() -> None:
     rule = PatchRule((60,), normal_width=0.3, largest_change=4.0, caution=1.0, misfit_power=1.0)
     guide = filter_normals(surface, vertices, 0.01)
     (fits,) = list(PatchFitter(surface, vertices, guide, 0.01, rule).fits(np.array([300, 500])))
-    terms = quadratic_terms(fits.at_vertex)
+    u, v = fits.at_vertex[:, 0], fits.at_vertex[:, 1]
+    terms = np.stack([u**0, u, v, u**2, u * v, v**2], axis=1)
     for patch in range(len(fits)):
         present = fits.vertices[patch] >= 0
         root = np.sqrt(fits.vertex_weights[patch, present])

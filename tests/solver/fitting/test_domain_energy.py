@@ -133,6 +133,13 @@ def test_largest_step_is_where_the_determinant_first_meets_the_floor(
         assert np.linalg.det(jacobian + step * change) == pytest.approx(floor, abs=1e-7 * scale)
 
 
+def test_a_move_that_only_turns_and_grows_triangles_has_no_limit() -> None:
+    """det(I + x dJ) = (1 - 0.1 x)^2 + x^2 >= 1 / 1.01: the quadratic has no root above the floor."""
+    turning = np.array([[-0.1, -1.0], [1.0, -0.1]])[:, :, None]
+    assert largest_step(np.eye(2)[:, :, None], turning, 0.02)[0] == np.inf
+    assert np.isfinite(largest_step(np.eye(2)[:, :, None], turning, 0.995)[0])
+
+
 def test_a_triangle_below_the_floor_may_rise_but_not_fall() -> None:
     jacobian = np.diag([0.1, 0.1])[:, :, None]
     up, down = np.eye(2)[:, :, None], -np.eye(2)[:, :, None]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sklearn.linear_model import orthogonal_mp
 from sparse_surface.solver.fitting.dictionary import Dictionary
-from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit, reference_pursuit
 from synthetic import crease, grid, hill
 
 Array = NDArray[np.float64]
@@ -64,6 +64,18 @@ def test_matching_pursuit_agrees_with_scikit_learn_on_100_patches() -> None:
             assert set(support[signal]) == set(np.flatnonzero(expected[:, signal])), f"patch {seed}, signal {signal}"
 
 
+def test_the_reference_chooses_what_matching_pursuit_does() -> None:
+    problems = [problem_of(*random_patch(seed)) for seed in range(20)]
+    gram, correlation = (np.concatenate(parts) for parts in zip(*problems, strict=True))
+    allowed = np.arange(120) < np.where(np.arange(20) % 2 == 0, 120, 45)[:, None]
+    worth = np.where(np.arange(20) % 3 == 0, 0.0, 1e-3)
+    own = matching_pursuit(gram, correlation, 15, allowed, worth)
+    np.testing.assert_array_equal(
+        np.sort(own, axis=-1), np.sort(reference_pursuit(gram, correlation, 15, allowed, worth), axis=-1)
+    )
+    assert 0 < (own < 0).mean() < 1
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_matching_pursuit_chooses_what_is_most_parallel_to_the_residual(seed: int) -> None:
     functions, signals = random_patch(seed, degree=6)
@@ -104,6 +116,20 @@ def test_one_exchange_of_each_function_is_the_best_one() -> None:
     assert list(least_squares_pursuit(*problem, size, replacements=1)[0, 2]) == support
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_after_enough_exchanges_none_pays_any_more(seed: int) -> None:
+    functions, signals = random_patch(seed, degree=6)
+    gram, correlation = problem_of(functions, signals)
+    chosen = least_squares_pursuit(gram, correlation, 5, replacements=30, worth=np.array([1e-300]))[0]
+    for signal, support in zip(signals, chosen, strict=True):
+        present = residual_norm(functions, signal, support)
+        for position in range(5):
+            for j in set(range(len(functions))) - set(support):
+                other = support.copy()
+                other[position] = j
+                assert residual_norm(functions, signal, other) >= present * (1.0 - 1e-6)
+
+
 @pytest.mark.parametrize("pursue", [matching_pursuit, least_squares_pursuit])
 def test_recovers_signals_of_few_functions(pursue) -> None:
     rng = np.random.default_rng(8)
@@ -123,7 +149,7 @@ def test_problems_of_a_batch_do_not_see_each_other(pursue) -> None:
         np.testing.assert_array_equal(together[k], pursue(gram, correlation, 12)[0])
 
 
-@pytest.mark.parametrize("pursue", [matching_pursuit, least_squares_pursuit])
+@pytest.mark.parametrize("pursue", [matching_pursuit, least_squares_pursuit, reference_pursuit])
 def test_takes_only_what_is_allowed(pursue) -> None:
     dictionary = Dictionary(14, "monomial")
     allowed = (dictionary.degrees.sum(axis=1) <= 5)[None]
@@ -143,10 +169,12 @@ def test_stops_where_the_rest_depends_on_what_is_chosen(pursue) -> None:
         assert np.linalg.matrix_rank(functions[chosen[chosen >= 0]]) == 4
 
 
-def test_a_signal_of_zeros_is_no_trouble() -> None:
+@pytest.mark.parametrize("pursue", [matching_pursuit, least_squares_pursuit, reference_pursuit])
+def test_a_signal_of_zeros_is_no_trouble(pursue) -> None:
     functions, signals = random_patch(0)
-    support = matching_pursuit(*problem_of(functions, signals * 0.0), 15)[0]
-    assert (np.diff(np.sort(support, axis=1), axis=1) > 0).all()
+    for chosen in pursue(*problem_of(functions, signals * 0.0), 15)[0]:
+        used = chosen[chosen >= 0]
+        assert len(set(used)) == len(used)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.mesh import clustering as coarsening
-from sparse_surface.solver.mesh.clustering import coarsen
-from sparse_surface.solver.mesh.grid_cells import one_number
-from sparse_surface.solver.mesh.triangulation import triangle_areas
+from sparse_surface.solver.mesh.clustering import coarsen, one_number
+from sparse_surface.solver.mesh.normals import triangle_areas
 
 MODELS = {"sphere": models.sphere(24), "cube": models.cube(), "moebius": models.moebius(), "l_solid": models.l_solid()}
 

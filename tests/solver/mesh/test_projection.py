@@ -8,13 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sparse_surface.benchmarks.generated_clouds import ball, box, hill
 from sparse_surface.benchmarks.generated_models import sphere
-from sparse_surface.solver.mesh.projection import (
-    closest_on_triangle,
-    closest_points,
-    interpolate,
-    project,
-    vertex_normals,
-)
+from sparse_surface.solver.mesh.closest_points import closest_on_triangle, closest_points, interpolate
+from sparse_surface.solver.mesh.projection import project, smoothed_normals
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 
 
@@ -70,7 +65,7 @@ def test_normals_point_out_of_a_sphere_whatever_the_winding() -> None:
     vertices, triangles = sphere(6)
     turned = triangles.copy()
     turned[::3] = turned[::3, ::-1]
-    normals = vertex_normals(build_mesh(vertices, turned))
+    normals = smoothed_normals(build_mesh(vertices, turned))
     assert (normals * vertices).sum(axis=1).min() > 0.99
 
 
@@ -80,7 +75,7 @@ def test_projection_runs_along_the_interpolated_normals() -> None:
     feet = project(cloud.points, mesh)
     corners = mesh.triangles[feet.triangle]
     way = cloud.points - feet.on(mesh.vertices, mesh.triangles)
-    normal = interpolate(vertex_normals(mesh), corners, feet.barycentric)
+    normal = interpolate(smoothed_normals(mesh), corners, feet.barycentric)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     beside = np.linalg.norm(np.cross(way, normal), axis=1)
     assert (beside < 1e-4 * np.linalg.norm(way, axis=1) + 1e-12).all()

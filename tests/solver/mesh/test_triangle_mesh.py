@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.errors import InputError
+from sparse_surface.solver.mesh.normals import triangle_areas
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
-from sparse_surface.solver.mesh.triangulation import clip_ears, triangle_areas, triangulate
+from sparse_surface.solver.mesh.triangulation import clip_ears, triangulate
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 

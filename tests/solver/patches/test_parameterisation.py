@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver.mesh.normals import triangle_areas
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
-from sparse_surface.solver.mesh.triangulation import triangle_areas
 from sparse_surface.solver.patches import parameterisation as module
 from sparse_surface.solver.patches.cover import build_cover
 from sparse_surface.solver.patches.loops import boundary_loops

@@ -17,7 +17,9 @@ import numpy as np
 import pytest
 from sparse_surface.solver.errors import Cancelled, InputError, WorkerError
 from sparse_surface.solver.processes.child import THREAD_COUNTS
-from sparse_surface.solver.processes.pool import ATTEMPTS, WorkerExecutor, physical_cores
+from sparse_surface.solver.processes.child_main import PACKAGE
+from sparse_surface.solver.processes.pool import ATTEMPTS, WorkerExecutor, _Worker, physical_cores
+from sparse_surface.solver.progress import Progress
 from sparse_surface.solver.settings import Settings
 
 on_linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes through /proc")
@@ -98,7 +100,7 @@ def importable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str) -> 
     return name
 
 
-def test_a_dead_worker_is_replaced_and_its_task_done_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dead_worker_is_replaced_and_its_task_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = importable(
         tmp_path,
         monkeypatch,
@@ -162,6 +164,62 @@ def test_cancelling_kills_what_runs_and_drops_what_waits() -> None:
     with pytest.raises(RuntimeError):
         workers.submit(math.sqrt, 1.0)
     workers.shutdown(cancel_futures=True)
+
+
+def test_steps_that_run_are_cancelled_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their worker was killed: that is not its death at the task."""
+    name = importable(
+        tmp_path,
+        monkeypatch,
+        """
+        import time
+        def slow():
+            time.sleep(60)
+            yield
+        """,
+    )
+    workers = WorkerExecutor(1)
+    workers.submit(math.sqrt, 1.0).result()
+    running = workers.submit_steps(__import__(name).slow, report=lambda step: None)
+    assert eventually(running.running)
+    workers.shutdown(cancel_futures=True)
+    assert type(running.exception(timeout=0)) is Cancelled
+
+
+def test_a_worker_that_was_killed_starts_no_child(living_children: Callable[[], set[int]]) -> None:
+    """However late its thread gets to it."""
+    before = living_children()
+    worker = _Worker("errors", (), False)
+    worker.kill()
+    with pytest.raises(Cancelled):
+        worker._start()
+    assert living_children() <= before
+
+
+def test_steps_tell_their_progress_and_hear_the_wish_to_finish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = importable(
+        tmp_path,
+        monkeypatch,
+        """
+        import sys, time
+        def count(package):
+            progress = sys.modules[f"{package}.progress"]
+            for number in range(3000):
+                heard = yield progress.Progress(f"Step {number}", number / 3000)
+                if heard == progress.FINISH:
+                    return number
+                time.sleep(0.02)
+        """,
+    )
+    steps: list[Progress] = []
+    with WorkerExecutor(1) as workers:
+        counted = workers.submit_steps(__import__(name).count, PACKAGE, report=steps.append)
+        assert eventually(lambda: len(steps) > 3)
+        workers.finish()
+        assert 3 < counted.result(timeout=30) < 3000
+    assert [step.stage for step in steps[:3]] == ["Step 0", "Step 1", "Step 2"]
+    assert {type(step) for step in steps} == {Progress}
+    assert all(step.surface is None for step in steps)
 
 
 @pytest.mark.parametrize("cancel", [False, True])

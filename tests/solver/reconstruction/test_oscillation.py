@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from sparse_surface.benchmarks.generated_clouds import ball, box
+from sparse_surface.solver.mesh.sampling import triangle_grid
 from sparse_surface.solver.reconstruction.geometry import analyse
-from sparse_surface.solver.reconstruction.oscillation import Planes, farthest, tamed, triangle_grid
+from sparse_surface.solver.reconstruction.oscillation import Planes, farthest, tamed
 
 
 def test_planes_are_near_the_surface_and_far_from_what_is_off_it() -> None:

@@ -19,9 +19,9 @@ from sparse_surface.solver import (
     reconstruct,
     reconstruct_steps,
 )
-from sparse_surface.solver.mesh.projection import closest_points
+from sparse_surface.solver.mesh.closest_points import closest_points
+from sparse_surface.solver.mesh.sampling import triangle_grid
 from sparse_surface.solver.progress import FINISH, run_to_end
-from sparse_surface.solver.reconstruction.oscillation import triangle_grid
 from sparse_surface.solver.reconstruction.reconstruct import refuse_flat
 
 ALONE = Settings(workers=1)

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sparse_surface.solver import InputError, Settings, approximate
+from sparse_surface.solver import InputError, Representation, Settings, approximate
 from sparse_surface.solver.approximation.approximate import Approximation
-from sparse_surface.solver.surface.files import from_bytes
 
 Faces = ArrayLike | list[list[int]]
 
@@ -109,7 +108,7 @@ def check_result(vertices: NDArray[Any], faces: Faces, settings: Settings, resul
 def check_representation(result: Approximation) -> None:
     """It can be stored, read and evaluated, and passes through the result's vertices."""
     stored = result.representation
-    read = from_bytes(stored.stored)
+    read = Representation.from_bytes(stored.stored)
     assert read.patches == stored.patches == result.report["patches"]
     size = np.ptp(stored.vertices, axis=0).max()
     used = np.unique(stored.triangles)

@@ -12,8 +12,9 @@ from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import Settings, approximate
 from sparse_surface.solver.fitting.batch import Problem, build_batch
 from sparse_surface.solver.fitting.dictionary import Dictionary
-from sparse_surface.solver.fitting.methods.variable_projection import improve, least_squares, solve
+from sparse_surface.solver.fitting.methods.variable_projection import improve, solve
 from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
+from sparse_surface.solver.fitting.sparse_fit import least_squares
 from sparse_surface.solver.surface.metrics import surface_error
 from synthetic import grid, problem
 
@@ -43,7 +44,8 @@ def in_own_units(domain: Array, triangles: Any, values: Array, degree: int) -> P
 @pytest.mark.parametrize("side", [2, 3, 4])
 def test_patches_with_fewer_vertices_than_functions(basis: str, pursuit: str, side: int) -> None:
     batch = build_batch([problem(side=side)])
-    solution = solve(batch, Dictionary(14, basis), sparsity=60, iterations=4, beta1=0.2, beta2=0.1, pursuit=pursuit)
+    settings = Settings(sparsity=60, iterations=4, pursuit=pursuit)
+    solution = solve(batch, Dictionary(14, basis), settings.resolved())
     for array in (solution.domain, solution.coefficients):
         assert np.isfinite(array).all()
     assert (solution.support >= 0).sum(axis=-1).max() <= side * side
@@ -69,7 +71,7 @@ def test_collinear_and_identical_domains_are_survived(flat: float) -> None:
     for squashed in (domain * [1.0, flat], domain * flat):
         values = np.column_stack([domain, np.abs(domain[:, 0])])
         batch = build_batch([in_own_units(squashed, triangles, values, 8)])
-        solution = solve(batch, Dictionary(8, "legendre"), sparsity=15, iterations=3, beta1=0.2, beta2=0.1)
+        solution = solve(batch, Dictionary(8, "legendre"), Settings(iterations=3).resolved())
         assert np.isfinite(solution.coefficients).all()
         assert np.isfinite(solution.domain).all()
 
@@ -86,9 +88,8 @@ def test_a_function_that_weights_leave_nothing_of_gets_no_huge_coefficient() -> 
         batch, Dictionary(12, "monomial"), batch.start - batch.start[:, :, :1], np.array([[[0, 1, ninth]]])
     )
     assert np.abs(fit.coefficients).max() < 100.0
-    again = improve(
-        batch, Dictionary(12, "monomial"), batch.start, np.array([[[0, 1, ninth]]]), iterations=2, weights=(0.1, 0.1)
-    )
+    settings = Settings(iterations=1, beta1=0.1, beta2=0.1).resolved()
+    again = improve(batch, Dictionary(12, "monomial"), settings, batch.start, np.array([[[0, 1, ninth]]]), 2)
     assert np.isfinite(again.domain).all()
 
 
@@ -97,7 +98,7 @@ def test_steep_signals_do_not_overflow_single_precision(size: float) -> None:
     own = problem(side=6)
     values = own.values * [1.0, 1.0, size]
     batch = build_batch([Problem(**{**vars(own), "values": values, "signals": values})])
-    solution = solve(batch, Dictionary(8, "legendre"), sparsity=3, iterations=4, beta1=0.2, beta2=0.1)
+    solution = solve(batch, Dictionary(8, "legendre"), Settings(sparsity=3, iterations=4).resolved())
     assert np.isfinite(solution.domain).all()
     assert np.isfinite(solution.coefficients).all()
 
@@ -113,7 +114,7 @@ def test_polynomials_are_reproduced_to_ten_digits(degree: int) -> None:
     values = sum(rng.normal(size=3) * (domain[:, :1] ** i * domain[:, 1:] ** j) for i, j in exponents)
     batch = build_batch([in_own_units(domain, triangles, np.asarray(values), 14)])
     dictionary = Dictionary(14, "legendre")
-    solution = solve(batch, dictionary, sparsity=15, iterations=6, beta1=0.2, beta2=0.1)
+    solution = solve(batch, dictionary, Settings(iterations=6).resolved())
     fitted = dictionary.sparse_values(
         solution.support, solution.coefficients, batch.observed(solution.domain)[:, :, None]
     )

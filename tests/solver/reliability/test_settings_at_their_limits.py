@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import Settings, SettingsError
+from sparse_surface.solver.patch_methods import METHODS
 
 NUMBERS = [item for item in dataclasses.fields(Settings) if "low" in item.metadata]
 CHOICES = [item for item in dataclasses.fields(Settings) if "choices" in item.metadata]
@@ -56,7 +57,7 @@ def test_an_unknown_choice_is_refused_with_those_there_are(item: Any) -> None:
         assert all(choice in str(refused.value) for choice in item.metadata["choices"])
 
 
-@pytest.mark.parametrize("method", ["default", "paper", "traditional"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     "changes",
     [

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sparse_surface.benchmarks.generated_models import cube, tetrahedron
 from sparse_surface.solver import FileFormatError, Representation, Settings, approximate
-from sparse_surface.solver.surface.files import FORMAT_VERSION, from_bytes, to_bytes
+from sparse_surface.solver.surface.files import FORMAT
 
 QUICK = {"ring": 4, "degree": 8, "sparsity": 8, "iterations": 3, "sweeps": 0}
 KINDS: dict[str, dict[str, object]] = {
@@ -36,7 +36,7 @@ def representation(kind: str = "default") -> Representation:
 
 @cache
 def saved(kind: str = "default") -> bytes:
-    return to_bytes(representation(kind))
+    return representation(kind).stored
 
 
 def points_of(surface: Representation) -> NDArray[np.float64]:
@@ -80,7 +80,7 @@ def test_it_is_the_same_surface(kind: str, tmp_path: Path) -> None:
 
 
 def test_indices_and_coefficients_are_kept_to_the_last_bit() -> None:
-    surface, loaded = representation(), from_bytes(saved())
+    surface, loaded = representation(), Representation.from_bytes(saved())
     for name in ("triangles", "face_corners", "patch_triangles", "support", "coefficients", "weights", "vertices"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(surface, name))
 
@@ -88,7 +88,7 @@ def test_indices_and_coefficients_are_kept_to_the_last_bit() -> None:
 def test_far_from_the_origin_it_is_as_exact(tmp_path: Path) -> None:
     vertices, faces = cube(6)
     surface = approximate(vertices * 1e-3 + 5.0, faces, Settings(**QUICK)).representation
-    loaded = from_bytes(surface.stored)
+    loaded = Representation.from_bytes(surface.stored)
     np.testing.assert_allclose(points_of(loaded), points_of(surface), rtol=0.0, atol=1e-9)
 
 
@@ -96,17 +96,17 @@ def test_domains_keep_their_precision_where_it_counts() -> None:
     """A function of steep slope would move if its domain was rounded."""
     surface = representation()
     steep = replace(surface, coefficients=surface.coefficients * 1e5)
-    loaded = from_bytes(to_bytes(steep))
+    loaded = Representation.from_bytes(steep.stored)
     np.testing.assert_array_equal(loaded.domains, steep.domains)
-    assert (from_bytes(saved()).domains != surface.domains).any()
+    assert (Representation.from_bytes(saved()).domains != surface.domains).any()
 
 
 def test_same_representation_same_bytes(tmp_path: Path) -> None:
     surface = representation()
     again = approximate(*cube(6), Settings(**QUICK)).representation
-    assert to_bytes(surface) == to_bytes(again)
-    loaded = from_bytes(saved())
-    assert to_bytes(loaded) == to_bytes(from_bytes(to_bytes(loaded)))
+    assert surface.stored == again.stored
+    loaded = Representation.from_bytes(saved())
+    assert loaded.stored == Representation.from_bytes(loaded.stored).stored
     surface.save(tmp_path / "a.npz")
     surface.save(str(tmp_path / "b.npz"))
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes() == saved() == surface.stored
@@ -115,7 +115,7 @@ def test_same_representation_same_bytes(tmp_path: Path) -> None:
 def test_a_mesh_without_patches_can_be_saved() -> None:
     vertices, faces = tetrahedron()
     surface = approximate(vertices, faces, weights=np.zeros(len(vertices))).representation
-    loaded = from_bytes(to_bytes(surface))
+    loaded = Representation.from_bytes(surface.stored)
     np.testing.assert_array_equal(points_of(loaded), points_of(surface))
 
 
@@ -123,7 +123,7 @@ def test_numpy_reads_it_without_pickle() -> None:
     arrays = arrays_of(saved())
     assert arrays["triangles"].dtype.itemsize == arrays["support"].dtype.itemsize == 2
     assert arrays["domains"].dtype == np.float32
-    assert json.loads(arrays["head"].tobytes())["version"] == FORMAT_VERSION
+    assert json.loads(arrays["head"].tobytes())["version"] == FORMAT.version
 
 
 def test_an_existing_file_is_replaced_and_survives_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,7 +145,7 @@ def test_an_existing_file_is_replaced_and_survives_failure(tmp_path: Path, monke
 
 def refusal(data: bytes) -> str:
     with pytest.raises(FileFormatError) as caught:
-        from_bytes(data, "'a.npz'")
+        Representation.from_bytes(data, "'a.npz'")
     sentence = str(caught.value)
     assert re.fullmatch(r"'a\.npz' [^\n]*\.", sentence), sentence
     return sentence
@@ -170,7 +170,7 @@ def test_foreign_files_are_refused() -> None:
 
 def test_newer_files_are_refused_by_their_version() -> None:
     arrays = arrays_of(saved())
-    newer = {"head": head_of(arrays, version=FORMAT_VERSION + 1, more=True), "other": np.zeros(3)}
+    newer = {"head": head_of(arrays, version=FORMAT.version + 1, more=True), "other": np.zeros(3)}
     assert "newer version" in refusal(archive_of(newer))
     for version in (0, "1", None, 1.5, [1]):
         refusal(archive_of({**arrays, "head": head_of(arrays, version=version)}))
@@ -195,6 +195,7 @@ FORGERIES: dict[str, tuple[str, Any]] = {
     "a local vertex that is not there": ("patch_triangles", lambda a: a + 60),
     "triangles that are not the mesh's": ("patch_triangles", lambda a: np.roll(a, 1, axis=0)),
     "a function that is not there": ("support", lambda a: a + 200),
+    "the function after the last": ("support", lambda a: np.where(a == a.max(), 45, a)),  # 9 * 10 / 2 of degree 8
     "negative functions": ("support", lambda a: a - 3),
     "values that are not finite": ("coefficients", lambda a: a * np.nan),
     "infinite domains": ("domains", lambda a: a + np.float32(np.inf)),
@@ -254,6 +255,14 @@ def test_missing_foreign_and_double_arrays_are_refused() -> None:
     assert "twice" in refusal(double.getvalue())
 
 
+def test_two_domains_are_refused() -> None:
+    """A coordinate has a domain of its own, or all share one: two would leave a coordinate without."""
+    arrays = arrays_of(saved())
+    for name, axis in (("domains", 0), ("initial_domains", 0), ("scales", 1)):
+        arrays[name] = np.repeat(arrays[name], 2, axis=axis)
+    assert "it has 2 domains" in refusal(archive_of(arrays))
+
+
 def test_a_triangle_twice_in_a_patch_is_refused() -> None:
     arrays = arrays_of(saved())
     for name in ("patch_triangles", "mesh_triangles"):
@@ -304,11 +313,11 @@ def test_repetitions_do_not_fill_the_memory() -> None:
 
 def loads_as_before_or_refuses(data: bytes) -> None:
     try:
-        loaded = from_bytes(data, "'a.npz'")
+        loaded = Representation.from_bytes(data, "'a.npz'")
     except FileFormatError:
         refusal(data)
     else:
-        np.testing.assert_array_equal(points_of(loaded), points_of(from_bytes(saved())))
+        np.testing.assert_array_equal(points_of(loaded), points_of(Representation.from_bytes(saved())))
 
 
 @given(st.data())
@@ -339,7 +348,7 @@ def test_forged_values_are_refused_or_can_be_evaluated(data: st.DataObject) -> N
     array[data.draw(st.integers(0, len(array) - 1))] = value
     arrays[name] = array.reshape(arrays[name].shape)
     try:
-        loaded = from_bytes(archive_of(arrays))
+        loaded = Representation.from_bytes(archive_of(arrays))
     except FileFormatError:
         return
     assert np.isfinite(points_of(loaded)).all()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sparse_surface.benchmarks.generated_models import cube, moebius, tetrahedron
 from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.mesh.triangulation import triangle_areas
+from sparse_surface.solver.mesh.normals import triangle_areas
 from sparse_surface.solver.surface.resampling import Resampled, resample, resample_steps
 
 Array = NDArray[np.float64]

@@ -77,7 +77,7 @@ def test_refitting_to_other_data_is_never_worse_than_keeping_the_functions() -> 
     dictionary = Dictionary(14, "monomial")
     before = traditional.solve(build_batch([first], turn=False), dictionary, SETTINGS)
     batch = build_batch([changed], turn=False)
-    after = traditional.improve(batch, dictionary, SETTINGS, before.support)
+    after = traditional.improve(batch, dictionary, SETTINGS, before.domain, before.support, 1)
     functions = dictionary.evaluate(batch.start[:, 0])
     kept = [
         np.linalg.lstsq(functions[support].T, batch.values[0, signal], rcond=None)[1][0]

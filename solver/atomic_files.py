@@ -1,4 +1,4 @@
-"""Files that appear when they are complete.  Needs no Blender."""
+"""Files that appear when they are complete."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOM = 1 << 16
-"""Bytes that a disk must still have after writing: Blender's exporters cut a file short without a word."""
+"""Bytes that must still fit on the disk after writing: Blender's exporters truncate a file without an error."""
 
 
 @contextlib.contextmanager
-def beside(path: Path) -> Iterator[Path]:
-    """Yield a place beside `path` to write to; what stands there at the end is renamed to `path`.
+def atomic_output(path: Path) -> Iterator[Path]:
+    """Yield a path to write to; when the block ends well, the file moves to `path`, and when it fails nothing remains.
 
-    The place has the same file name, in a folder of its own, because exporters write further files
-    (materials, buffers) that refer to each other by name.  When the block fails nothing of it remains.
+    The draft has the same file name in a temporary folder beside `path`, because exporters write further files
+    (materials, buffers) that refer to each other by name.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def beside(path: Path) -> Iterator[Path]:
 
 
 def _check_room(folder: Path) -> None:
-    """Raise what writing to a full disk raises, also where what was written is too short and nobody said so."""
+    """Raise what writing to a full disk raises, even if the writer did not notice that its file is too short."""
     with open(folder / "room", "wb") as file:
         file.write(bytes(ROOM))
         file.flush()

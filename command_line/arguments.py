@@ -1,0 +1,240 @@
+"""What can be asked of the command line.  Needs no Blender: the module of a command is imported when it runs."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+from collections.abc import Callable, Container, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from ..operators.files.formats import POINTS, READABLE
+from ..solver.settings import PRESETS, CloudSettings, Settings
+from ..solver.version import VERSION
+from .outputs import MESH, OUTPUTS, REPORT
+
+PROGRAM = "sparse_surface"
+
+MESH_ONLY = {"denoise", "denoise_strength", "mark_creases", "noise_level", "observations", "pin_boundary"}
+"""Settings that concern meshes only."""
+
+
+def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return what the words ask for: `command`, its arguments, and where it takes them `settings` and `cloud`.
+
+    Raises
+    ------
+    SystemExit
+        On wrong usage, which argparse explains, and after the help.
+    SettingsError
+        When a setting is out of range.
+    """
+    options = _parser().parse_args(words)
+    for settle in options.settle:
+        settle(options)
+    return options
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line: the usage of a command with all its settings is thirty."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (--help lists what there is)\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog=PROGRAM,
+        description="Smooth patches that keep the sharp features of a mesh.",
+        epilog="Exit codes: 0 done, 1 refused input, 2 wrong usage, 130 cancelled.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    for add, name, summary, description in COMMANDS:
+        command = commands.add_parser(
+            name, help=summary, description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        )
+        command.set_defaults(settle=add(command) or ())
+    return parser
+
+
+Settle = Callable[[argparse.Namespace], None]
+
+
+def _add_approximate(parser: argparse.ArgumentParser) -> Sequence[Settle]:
+    _add_input(parser, "INPUT", "mesh file", READABLE)
+    parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
+    _add_outputs(parser)
+    return [_add_settings(parser, Settings, presets=True)]
+
+
+def _add_reconstruct(parser: argparse.ArgumentParser) -> Sequence[Settle]:
+    _add_input(parser, "POINTS", "file with points", POINTS)
+    base = parser.add_mutually_exclusive_group()
+    base.add_argument("--base", type=Path, metavar="BASE", help="file with a coarse mesh near the points")
+    base.add_argument(
+        "--base-vertices",
+        type=positive_number,
+        metavar="N",
+        help="vertices of the base that is made from the points if none is given (default: one for 60 points)",
+    )
+    parser.add_argument("--object", metavar="NAME", help="take only this object's points")
+    _add_outputs(parser)
+    own = {item.name for item in dataclasses.fields(CloudSettings)}
+    return [
+        _add_settings(parser, CloudSettings, title="points", into="cloud"),
+        _add_settings(parser, Settings, presets=True, leave_out=own | MESH_ONLY),
+    ]
+
+
+def _add_evaluate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("representation", type=Path, metavar="REP.npz", help="what --representation wrote")
+    _add_resample(parser, default=1)
+    MESH.add_to(parser, required=True)
+
+
+def _add_inspect(parser: argparse.ArgumentParser) -> Sequence[Settle]:
+    def settle(options: argparse.Namespace) -> None:
+        if options.output is not None and options.patch is None:
+            parser.error("name a patch with --patch to write it")
+
+    parser.add_argument("representation", type=Path, metavar="REP.npz", help="what --representation wrote")
+    parser.add_argument("--patch", type=int, metavar="K", help="number of the patch; without it all are listed")
+    REPORT.add_to(parser)
+    MESH.add_to(parser)
+    return [settle]
+
+
+def _add_compare(parser: argparse.ArgumentParser) -> Sequence[Settle]:
+    def settle(options: argparse.Namespace) -> None:
+        if options.first == options.second:
+            parser.error("choose two presets that differ")
+        given = _given(options, "settings")
+        options.settings = {name: Settings(**{**PRESETS[name], **given}) for name in (options.first, options.second)}
+
+    _add_input(parser, "INPUT", "mesh file", READABLE)
+    names = sorted(PRESETS)
+    parser.add_argument("--first", choices=names, default="default", help="preset of the first result")
+    parser.add_argument("--second", choices=names, default="paper", help="preset of the second result")
+    parser.add_argument("--object", metavar="NAME", help="this object of the file")
+    MESH.add_to(parser)
+    REPORT.add_to(parser)
+    _add_settings(parser, Settings)
+    return [settle]
+
+
+COMMANDS = (
+    (
+        _add_approximate,
+        "approximate",
+        "approximate the meshes of a file",
+        "Approximate the meshes of a file that Blender reads; lengths are in the file's unit.",
+    ),
+    (
+        _add_reconstruct,
+        "reconstruct",
+        "make a surface from the points of a file",
+        "Make a surface from a point cloud; lengths are in the file's unit.",
+    ),
+    (
+        _add_evaluate,
+        "evaluate",
+        "evaluate a saved representation on a finer mesh",
+        "Evaluate a representation on its mesh with split edges, in its object's own coordinates.",
+    ),
+    (
+        _add_inspect,
+        "inspect",
+        "look at one patch of a saved representation",
+        "List the functions that a patch uses and how its energy fell. The output is the patch, its initial and its "
+        "optimised domain laid flat, and its functions over the domain.",
+    ),
+    (
+        _add_compare,
+        "compare",
+        "approximate a mesh with two presets on one colour scale",
+        "Approximate a mesh twice; the results stand side by side, their errors on one colour scale.",
+    ),
+)
+"""What adds the arguments of a command, and returns what completes them; the command's name, summary and description.
+
+A command is a row here and a module of its name, whose `run` gets the arguments.
+"""
+
+
+def _add_input(parser: argparse.ArgumentParser, metavar: str, what: str, endings: Sequence[str]) -> None:
+    parser.add_argument("input", type=Path, metavar=metavar, help=f"{what}: {' '.join(endings)}")
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    for output in OUTPUTS:
+        output.add_to(parser)
+    _add_resample(parser)
+    parser.add_argument("--domain-maps", action="store_true", help="write the patches' domains as UV maps")
+
+
+def _add_resample(parser: argparse.ArgumentParser, **options: Any) -> None:
+    text = "split every edge of the result into N and evaluate the surface there"
+    parser.add_argument("--resample", type=positive_number, metavar="N", help=text, **options)
+
+
+def positive_number(text: str) -> int:
+    """Return a whole number of at least 1.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        When the text is something else.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
+    return int(text)
+
+
+# ------------------------------------------------------------------------------------------------------------ settings
+
+
+def _add_settings(
+    parser: argparse.ArgumentParser,
+    kind: type[Settings] | type[CloudSettings],
+    *,
+    title: str = "settings",
+    into: str = "settings",
+    presets: bool = False,
+    leave_out: Container[str] = (),
+) -> Settle:
+    """Add an argument for each field of the settings; returns what makes the settings of the parsed arguments."""
+    group = parser.add_argument_group(title)
+    if presets:
+        group.add_argument("--preset", choices=sorted(PRESETS), help="settings to start from; others change them")
+    for item in dataclasses.fields(kind):
+        if item.name not in leave_out:
+            _add_setting(group, item, f"{into} {item.name}")
+
+    def settle(options: argparse.Namespace) -> None:
+        preset = PRESETS[options.preset or "default"] if presets else {}
+        setattr(options, into, kind(**{**preset, **_given(options, into)}))
+
+    return settle
+
+
+def _add_setting(group: Any, item: dataclasses.Field[Any], place: str) -> None:
+    """Add the argument of one setting; it has no default, since only what is given changes a preset."""
+    text = item.metadata["text"].replace("%", "%%")
+    add = functools.partial(
+        group.add_argument, "--" + item.name.replace("_", "-"), dest=place, default=argparse.SUPPRESS
+    )
+    if "choices" in item.metadata:
+        add(choices=list(item.metadata["choices"]), help=f"{text} (default: {item.default})")
+    elif isinstance(item.default, bool):
+        add(action=argparse.BooleanOptionalAction, help=f"{text} (default: {'on' if item.default else 'off'})")
+    else:
+        low, high = item.metadata["low"], item.metadata["high"]
+        help_text = f"{text} ({low:g} to {high:g}, default: {item.default:g})"
+        add(type=type(item.default), metavar="N", help=help_text)
+
+
+def _given(options: argparse.Namespace, into: str) -> dict[str, Any]:
+    """Return the settings that were given, by name."""
+    return {name.partition(" ")[2]: value for name, value in vars(options).items() if name.startswith(f"{into} ")}

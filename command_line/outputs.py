@@ -1,0 +1,193 @@
+"""Files that the commands write: a table from which their arguments, early refusal and writing are made.
+
+Names of Blender's modules are imported when a file is written: usage is checked, and help shown, without Blender.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..operators.files.formats import WRITABLE, up_axis
+from ..solver.atomic_files import atomic_output
+
+
+@dataclass(frozen=True)
+class Made:
+    """A result with what it was made from.
+
+    Attributes
+    ----------
+    input
+        The file.
+    source, result
+        Objects in Blender.
+    report
+        The solver's report.
+    representation
+        What has `save`.
+    resolution
+        Into how many parts each edge is split before the result is written; None: it is written as it is.
+    """
+
+    input: Path
+    source: Any
+    result: Any
+    report: dict[str, Any]
+    representation: Any
+    resolution: int | None = None
+
+
+@dataclass(frozen=True)
+class Output:
+    """A kind of file that a command writes.
+
+    Attributes
+    ----------
+    flags
+        Of its argument.
+    metavar, help
+        For the help text.
+    write
+        Writes the file for all results, or None where the command has its own way.
+    endings
+        File endings that can be written; empty: any.
+    one_each
+        Whether each of several results gets a file of its own; its name then holds the object's.
+    """
+
+    flags: tuple[str, ...]
+    metavar: str
+    help: str
+    write: Callable[[Path, Sequence[Made]], None] | None = None
+    endings: tuple[str, ...] = ()
+    one_each: bool = False
+
+    @property
+    def name(self) -> str:
+        """Where the parsed arguments hold the path."""
+        return self.flags[-1].removeprefix("--")
+
+    def add_to(self, parser: argparse.ArgumentParser, **options: Any) -> None:
+        """Add the argument; what cannot be written is refused while the arguments are parsed."""
+        parser.add_argument(*self.flags, type=self.path, metavar=self.metavar, help=self.help, **options)
+
+    def path(self, text: str) -> Path:
+        """Return the path of a file to write; its folder must exist.
+
+        Raises
+        ------
+        argparse.ArgumentTypeError
+            When it is a folder, lies in none, or its ending names no kind of file that can be written.
+        """
+        path = Path(text)
+        if not path.absolute().parent.is_dir():
+            raise argparse.ArgumentTypeError(f"there is no folder '{path.parent}'")
+        if path.is_dir():
+            raise argparse.ArgumentTypeError(f"'{path}' is a folder")
+        if self.endings and path.suffix.lower() not in self.endings:
+            one_of = "one of " * (len(self.endings) > 1) + " ".join(self.endings)
+            raise argparse.ArgumentTypeError(f"the file's ending must be {one_of}, not '{path.suffix}'")
+        return path
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Write plain values; the file appears when it is complete."""
+    with atomic_output(path) as draft:
+        draft.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_meshes(path: Path, made: Sequence[Made]) -> None:
+    from ..operators.files.meshes import write_meshes
+
+    write_meshes(path, [_resampled(each) for each in made])
+
+
+def _resampled(made: Made) -> Any:
+    """Return the object to write: the result, or a finer one evaluated from its representation."""
+    if made.resolution is None:
+        return made.result
+    import bpy
+
+    from ..operators.resample import resample_object
+
+    return resample_object(bpy.context, made.result, made.resolution)
+
+
+def _write_report(path: Path, made: Sequence[Made]) -> None:
+    write_json(path, made[0].report if len(made) == 1 else {each.source.name: each.report for each in made})
+
+
+def _write_representation(path: Path, made: Sequence[Made]) -> None:
+    made[0].representation.save(path)
+
+
+def _write_heat_map(path: Path, made: Sequence[Made]) -> None:
+    from ..operators.heat_map.picture import render_heatmap
+
+    with _shown_beside(made[0]) as source:
+        render_heatmap(made[0].result, path, source=source, up=up_axis(made[0].input))
+
+
+@contextlib.contextmanager
+def _shown_beside(made: Made) -> Iterator[Any]:
+    """Yield the source, or an object that looks like it if it is a point cloud, which no renderer shows."""
+    if "points" not in made.report["input"]:
+        yield made.source
+        return
+    import bpy
+
+    from ..operators.data import points as cloud_data
+    from ..operators.heat_map.point_shapes import create_point_shapes
+
+    points, lengths = cloud_data.read_points(made.source, bpy.context.evaluated_depsgraph_get())
+    spacing = made.report["input"]["spacing"]
+    shapes = create_point_shapes(made.source.name, lengths.to_local(points), spacing)
+    shapes.matrix_world = made.source.matrix_world
+    bpy.context.scene.collection.objects.link(shapes)
+    bpy.context.view_layer.update()
+    try:
+        yield shapes
+    finally:
+        bpy.data.meshes.remove(shapes.data)
+
+
+MESH = Output(("-o", "--output"), "OUTPUT", f"mesh file: {' '.join(WRITABLE)}", _write_meshes, WRITABLE)
+REPORT = Output(("--report",), "REPORT.json", "file for the figures of the result", _write_report)
+OUTPUTS = (
+    MESH,
+    REPORT,
+    Output(
+        ("--representation",),
+        "REP.npz",
+        "file for the functions, to evaluate later",
+        _write_representation,
+        one_each=True,
+    ),
+    Output(("--heatmap",), "PICTURE.png", "picture of the error", _write_heat_map, (".png",), one_each=True),
+)
+"""What `approximate` and `reconstruct` write; a row is all that a new kind of file takes."""
+
+
+def write_outputs(options: argparse.Namespace, made: Sequence[Made]) -> None:
+    """Write the files that were asked for, each complete or not at all."""
+    for output in OUTPUTS:
+        path = getattr(options, output.name)
+        if path is not None and output.write is not None:
+            if not output.one_each or len(made) == 1:
+                output.write(path, made)
+            else:
+                for each in made:
+                    output.write(_own_name(path, each), [each])
+
+
+def _own_name(path: Path, made: Made) -> Path:
+    """Return the file for one of several objects: the given name followed by the object's."""
+    import bpy
+
+    return path.with_stem(f"{path.stem}_{bpy.path.clean_name(made.source.name)}")

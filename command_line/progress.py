@@ -1,0 +1,45 @@
+"""Progress while a command works."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import sys
+from collections.abc import Callable, Iterator
+
+from ..solver.progress import Progress
+
+try:
+    from tqdm import tqdm
+except ImportError:  # Blender does not bring it
+    tqdm = None
+
+
+@contextlib.contextmanager
+def progress_display(name: str) -> Iterator[Callable[[Progress], None]]:
+    """Show progress: a bar on a terminal if tqdm is installed, plain lines otherwise."""
+    if tqdm is None or not sys.stderr.isatty():
+        yield _PlainLines(name)
+        return
+    with tqdm(total=100.0, desc=name, bar_format="{desc}: {percentage:3.0f}%|{bar}| {postfix} {remaining}") as bar:
+
+        def show(step: Progress) -> None:
+            bar.set_postfix_str(" ".join(part for part in (step.stage, step.detail) if part), refresh=False)
+            bar.update(100.0 * step.fraction - bar.n)
+
+        yield show
+
+
+@dataclasses.dataclass
+class _PlainLines:
+    """Prints a line for each stage and each tenth of the work."""
+
+    name: str
+    _said: tuple[str, int] = ("", -1)
+
+    def __call__(self, step: Progress) -> None:
+        now = (step.stage, int(10.0 * step.fraction))
+        if now != self._said:
+            self._said = now
+            detail = f" ({step.detail})" if step.detail else ""
+            print(f"{self.name}: {step.fraction:4.0%} {step.stage}{detail}", flush=True)

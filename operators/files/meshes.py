@@ -1,0 +1,107 @@
+"""Mesh files in and out, through Blender's own importers and exporters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.types import Object
+
+from ...solver.atomic_files import atomic_output
+from ...solver.errors import FileFormatError, InputError
+from .formats import BY_ENDING, READABLE, WRITABLE, Format
+
+
+def read_meshes(path: Path) -> list[Object]:
+    """Read a file into an empty scene and return its mesh objects, sorted by name; raises what `read_objects` does."""
+    return read_objects(path, ("MESH",), "mesh")
+
+
+def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
+    """Read a file into an empty scene and return its objects of these kinds, sorted by name.
+
+    Raises
+    ------
+    InputError
+        When the file is not there or holds none; `wanted` says of what.
+    FileFormatError
+        When Blender cannot read it.
+    """
+    if not path.is_file():
+        raise InputError(f"There is no file '{path}'.")
+    kind = BY_ENDING.get(path.suffix.lower())
+    if kind is None:
+        raise FileFormatError(f"'{path.name}' is of no kind that can be read ({', '.join(READABLE)}).")
+    bpy.ops.wm.read_homefile(use_empty=True)
+    try:
+        outcome = _operator(kind, kind.reader)(filepath=str(path), **kind.reading)
+    except RuntimeError as error:  # how Blender's operators report their errors
+        raise FileFormatError(f"'{path.name}' cannot be read: {_first_line(error)}.") from error
+    found = [candidate for candidate in bpy.context.scene.objects if candidate.type in kinds]
+    if outcome == {"CANCELLED"} or not found:
+        raise InputError(f"'{path.name}' holds no {wanted}.")
+    return sorted(found, key=lambda one: one.name)
+
+
+def named(objects: Sequence[Object], name: str | None) -> list[Object]:
+    """Return the object of this name alone, or all of them where no name is given.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    found = [candidate for candidate in objects if name in (None, candidate.name)]
+    if not found:
+        there = ", ".join(f"'{candidate.name}'" for candidate in objects)
+        raise InputError(f"The file has no mesh '{name}', only {there}.")
+    return found
+
+
+def write_meshes(path: Path, objects: Sequence[Object]) -> None:
+    """Write these objects, or for a .blend file everything, into a file; it appears when it is complete.
+
+    Raises
+    ------
+    FileFormatError
+        When the ending names no kind of file that can be written.
+    OSError
+        When the folder cannot be written.
+    """
+    kind = BY_ENDING.get(path.suffix.lower())
+    if kind is None or kind.writer is None:
+        raise FileFormatError(f"'{path.name}' is of no kind that can be written ({', '.join(WRITABLE)}).")
+    bpy.context.view_layer.update()
+    for other in bpy.context.view_layer.objects:
+        other.select_set(other in objects)
+    with atomic_output(path) as draft:
+        try:
+            _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
+        except RuntimeError as error:
+            raise OSError(_first_line(error)) from error
+
+
+def _operator(kind: Format, names: Sequence[str]) -> Any:
+    """Return the first of these operators that this Blender has; an add-on of Blender's may bring the last."""
+    *built_in, last = names
+    chosen = next((name for name in built_in if _is_there(name)), last)
+    if chosen == last and kind.add_on:
+        import addon_utils  # its folder is on Python's path only once bpy is loaded
+
+        addon_utils.enable(kind.add_on)
+    space, _, operator = chosen.partition(".")
+    return getattr(getattr(bpy.ops, space), operator)
+
+
+def _is_there(name: str) -> bool:
+    space, _, operator = name.partition(".")
+    return operator in dir(getattr(bpy.ops, space))
+
+
+def _first_line(error: BaseException) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if lines and "Traceback" in lines[0]:  # an exporter in Python: what it says comes last
+        lines = [line for line in lines if not line.startswith("Location:")][::-1]
+    return (lines[0] if lines else type(error).__name__).removeprefix("Error: ").rstrip(".")

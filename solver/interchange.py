@@ -1,0 +1,158 @@
+"""Flat arrays in, flat arrays out: what travels between an owner and the process that solves.
+
+This module loads neither SciPy nor the solver, so that an owner that only shows results need not.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .settings import CloudSettings
+
+if TYPE_CHECKING:
+    from .surface.representation import Representation
+
+
+@dataclass(frozen=True)
+class MeshArrays:
+    """A polygon mesh as flat arrays.
+
+    Attributes
+    ----------
+    vertices
+        (V, 3) positions in scene units.
+    corners
+        (C,) vertex of each polygon corner, polygon after polygon.
+    sizes
+        (F,) number of corners of each polygon.
+    triangles
+        (T, 3) vertices of the triangles that the polygons are split into.
+    triangle_polygons
+        (T,) polygon of each triangle.
+    weights
+        (V,) observation weights in [0, 1], or `None` where all are 1.
+    """
+
+    vertices: NDArray[np.float32]
+    corners: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+    triangles: NDArray[np.int32]
+    triangle_polygons: NDArray[np.int32]
+    weights: NDArray[np.float32] | None = None
+
+    def polygons(self) -> NDArray[np.int32] | list[NDArray[np.int32]]:
+        """Return the polygons as `approximate` takes them: (F, n), or a list where their sizes differ."""
+        if self.sizes.size and np.all(self.sizes == self.sizes[0]):
+            return self.corners.reshape(-1, int(self.sizes[0]))
+        return _split(self.corners, self.sizes)
+
+
+@dataclass(frozen=True)
+class CloudArrays:
+    """A point cloud over a base mesh as flat arrays.
+
+    Attributes
+    ----------
+    points
+        (P, 3) positions in scene units.
+    base_vertices
+        (V, 3) positions of the base mesh.
+    corners, sizes
+        Polygons of the base mesh: (C,) and (F,), as in `MeshArrays`.
+    cloud
+        How the points are observed.
+    splits
+        Into how many parts the base's edges are split where the surface is evaluated; 0 gives about as many vertices
+        as there are points.
+    """
+
+    points: NDArray[np.float32]
+    base_vertices: NDArray[np.float32]
+    corners: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+    cloud: CloudSettings = field(default_factory=CloudSettings)
+    splits: int = 0
+
+    def polygons(self) -> list[NDArray[np.int64]]:
+        """Return the base's polygons as `reconstruct` takes them."""
+        return _split(self.corners.astype(np.int64), self.sizes)
+
+
+@dataclass(frozen=True)
+class CloudOutcome:
+    """A reconstructed surface as a mesh.
+
+    Attributes
+    ----------
+    vertices, corners, sizes
+        The surface evaluated on the base with split edges: positions (P, 3), and polygons as in `MeshArrays`.
+    error
+        Error of the points around each vertex, (P,).
+    patch
+        Patch with the largest weight at each vertex, (P,).
+    domain_stretch
+        Anisotropy of the domain transformation on each polygon.
+    point_error, point_weight
+        Distance of each point from the surface, and how much it counted.
+    splits
+        Into how many parts the base's edges were split.
+    report
+        Measures, counts and times; plain values only.
+    representation
+        What evaluates the surface anywhere.
+    """
+
+    vertices: NDArray[np.float32]
+    corners: NDArray[np.int32]
+    sizes: NDArray[np.int32]
+    error: NDArray[np.float64]
+    patch: NDArray[np.int32]
+    domain_stretch: NDArray[np.float64]
+    point_error: NDArray[np.float64]
+    point_weight: NDArray[np.float64]
+    splits: int
+    report: dict[str, Any]
+    representation: Representation
+    history: None = None
+
+
+_PIECE = 1 << 20
+
+
+class StoredRepresentation:
+    """A `Representation` that another process made: the content of a file, opened when anything else of it is used.
+
+    Parameters
+    ----------
+    stored
+        What `Representation.stored` gave.
+    """
+
+    def __init__(self, stored: bytes | memoryview) -> None:
+        # In pieces, since `bytes` keeps every other thread waiting until it has copied the whole; `join` does not.
+        self.stored = b"".join([bytes(stored[start : start + _PIECE]) for start in range(0, len(stored), _PIECE)])
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[pickle.PickleBuffer]]:
+        return StoredRepresentation, (pickle.PickleBuffer(self.stored),)
+
+    @cached_property
+    def _opened(self) -> Representation:
+        from .surface.representation import Representation  # SciPy
+
+        return Representation.from_bytes(self.stored)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # asked for by `copy` and `pickle`
+            raise AttributeError(name)
+        return getattr(self._opened, name)
+
+
+def _split(corners: NDArray[Any], sizes: NDArray[Any]) -> list[NDArray[Any]]:
+    return np.split(corners, np.cumsum(sizes)[:-1]) if len(sizes) else []

@@ -1,0 +1,95 @@
+"""Refusing vertices and faces that cannot be worked on, in one sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import chain
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arrays import Array, Indices, offsets_of
+from ..errors import InputError
+from .normals import triangle_areas
+
+LARGEST_COORDINATE = 1e60
+"""Squared areas still have to be finite."""
+
+
+def checked_vertices(vertices: ArrayLike) -> Array:
+    try:
+        points = np.array(vertices, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("The vertices must be an array of three numbers each.") from None
+    if points.size == 0:
+        raise InputError("The mesh is empty: it has no vertices.")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"The vertices must be an array of three numbers each, not of shape {points.shape}.")
+    wrong = ~np.isfinite(points).all(axis=1)
+    if wrong.any():
+        raise InputError(f"Vertex {int(np.argmax(wrong))} has a coordinate that is not a finite number.")
+    if np.abs(points).max() > LARGEST_COORDINATE:
+        raise InputError(f"The coordinates are too large to be computed with (beyond {LARGEST_COORDINATE:g}).")
+    return points
+
+
+def checked_faces(faces: ArrayLike | Sequence[Sequence[int]], vertex_count: int) -> tuple[Indices, Indices]:
+    """Return the faces as one row of corners and offsets into it."""
+    if isinstance(faces, np.ndarray) and faces.dtype != object:
+        array = _checked_indices(faces, "faces")
+        if array.ndim != 2 and array.size:
+            raise InputError(f"The faces must be a list of polygons, not an array of shape {array.shape}.")
+        sizes = np.full(len(array), array.shape[1] if array.ndim == 2 else 0, dtype=np.int64)
+        corners = array.reshape(-1)
+    else:
+        try:
+            polygons = [list(polygon) for polygon in cast(Iterable[Iterable[int]], faces)]
+            joined = np.array(list(chain.from_iterable(polygons)))
+        except (TypeError, ValueError):
+            raise InputError("The faces must be a list of polygons, each a list of vertex numbers.") from None
+        sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+        corners = _checked_indices(joined, "faces")
+    if len(sizes) == 0:
+        raise InputError("The mesh has no faces.")
+    if sizes.min() < 3:
+        raise InputError(f"Face {int(np.argmin(sizes))} has fewer than three corners.")
+    _refuse_out_of_range(corners, vertex_count)
+    return corners, offsets_of(sizes)
+
+
+def checked_triangulation(
+    triangles: tuple[ArrayLike, ArrayLike], vertex_count: int, face_count: int
+) -> tuple[Indices, Indices]:
+    try:
+        triples, polygon = (_checked_indices(np.asarray(part), "triangles") for part in triangles)
+    except ValueError as error:
+        raise error if isinstance(error, InputError) else InputError("The triangles must be two arrays.") from None
+    if triples.ndim != 2 or triples.shape[1:] != (3,) or polygon.shape != triples.shape[:1]:
+        raise InputError("The triangles must be an array of three vertices each, and the face of each of them.")
+    if len(triples) == 0:
+        raise InputError("The mesh has no faces.")
+    _refuse_out_of_range(triples, vertex_count)
+    if polygon.min() < 0 or polygon.max() >= face_count:
+        raise InputError(f"A triangle names a face that does not exist (there are {face_count}).")
+    return triples, polygon
+
+
+def _checked_indices(array: NDArray[np.generic], name: str) -> Indices:
+    if array.size and not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"The {name} must consist of whole numbers.")
+    return array.astype(np.int64)
+
+
+def _refuse_out_of_range(corners: Indices, vertex_count: int) -> None:
+    low, high = int(corners.min()), int(corners.max())
+    if low < 0 or high >= vertex_count:
+        wrong = low if low < 0 else high
+        raise InputError(f"A face names vertex {wrong}, but the vertices are numbered from 0 to {vertex_count - 1}.")
+
+
+def refuse_without_area(points: Array, triangles: Indices) -> None:
+    used = points[triangles.reshape(-1)]
+    side = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
+    if side < 1 / LARGEST_COORDINATE or triangle_areas((points - used[0]) / side, triangles).sum() <= 1e-15:
+        raise InputError("The mesh has no area: all of its faces are collapsed to lines or points.")

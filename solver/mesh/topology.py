@@ -1,0 +1,156 @@
+"""The topology of triangles: which sides form an edge, where a mesh is cut, how its triangles are turned."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array, Booleans, Indices
+from .edges import connected_parts, edge_keys
+from .normals import triangle_areas, unit
+
+_MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
+
+
+def join_sides(points: Array, triangles: Indices, following: Indices, proper: Booleans) -> tuple[Indices, Indices]:
+    """Pair the triangle sides that form an edge together.
+
+    Side `3 t + i` of triangle t runs from its corner i to corner i + 1.  Returns the pairs of sides, (J, 2), and the
+    vertices of edges with more than two triangles.
+    """
+    sides = np.flatnonzero(np.repeat(proper, 3))
+    start, end = triangles.reshape(-1)[sides], following.reshape(-1)[sides]
+    key = edge_keys(start, end, len(points))
+    order = np.argsort(key, kind="stable")
+    sides, key = sides[order], key[order]
+    first = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, np.int64)
+    count = np.diff(np.concatenate((first, [len(key)])))
+    two = first[count == 2]
+    joined = np.stack((sides[two], sides[two + 1]), axis=1)
+    many = count > 2
+    if not many.any():
+        return joined, np.zeros(0, dtype=np.int64)
+    crowded = np.concatenate((start[order][first[many]], end[order][first[many]]))
+    paired = _pair_straightest(points, triangles, sides, first[many], count[many])
+    return np.concatenate((joined, paired)), crowded
+
+
+def _pair_straightest(points: Array, triangles: Indices, sides: Indices, first: Indices, count: Indices) -> Indices:
+    """Join, at each edge with more than two triangles, those that continue each other best.
+
+    A wall with a fin keeps its wall in one piece that way, and only the fin is cut off.
+    """
+    few = count <= _MOST_PAIRED_TRIANGLES
+    found = []
+    for size in np.unique(count[few]):
+        rows = sides[first[count == size][:, None] + np.arange(size)]
+        away = _directions_from_edge(points, triangles, rows)
+        score = np.einsum("eix,ejx->eij", away, away)  # -1 where two triangles continue each other flatly
+        score[:, np.arange(size), np.arange(size)] = np.inf
+        each = np.arange(len(rows))
+        for _ in range(int(size) // 2):
+            one, two = np.divmod(score.reshape(len(rows), -1).argmin(axis=1), int(size))
+            # Triangles that lie on top of each other bound no common surface.
+            good = score[each, one, two] < 0.999
+            found.append(np.stack((rows[each, one], rows[each, two]), axis=1)[good])
+            for taken in (one, two):
+                score[each, taken, :] = np.inf
+                score[each, :, taken] = np.inf
+    return np.concatenate(found) if found else np.zeros((0, 2), dtype=np.int64)
+
+
+def _directions_from_edge(points: Array, triangles: Indices, sides: Indices) -> Array:
+    """Return the unit vectors from each side into its triangle, perpendicular to the side."""
+    triangle, corner = np.divmod(sides, 3)
+    a, b, c = (points[triangles[triangle, (corner + i) % 3]] for i in range(3))
+    along = unit(b - a)
+    inward = c - a
+    return unit(inward - (inward * along).sum(axis=-1, keepdims=True) * along)
+
+
+def split_into_fans(
+    triangles: Indices, following: Indices, joined: Indices, proper: Booleans, vertex_count: int
+) -> tuple[Indices, Indices]:
+    """Give every fan of triangles around a vertex a node; return the nodes of corners and the vertices of nodes."""
+    one, two = joined[:, 0], joined[:, 1]
+    one_end, two_end = (3 * (side // 3) + (side % 3 + 1) % 3 for side in (one, two))
+    opposed = triangles.reshape(-1)[one] == following.reshape(-1)[two]
+    links = np.concatenate(
+        (
+            np.stack((one, np.where(opposed, two_end, two)), axis=1),
+            np.stack((one_end, np.where(opposed, two, two_end)), axis=1),
+        )
+    )
+    _, fan = connected_parts(links[:, 0], links[:, 1], triangles.size)
+    corners = np.flatnonzero(np.repeat(proper, 3))
+    fans, first = np.unique(fan[corners], return_index=True)
+    fan_vertex = triangles.reshape(-1)[corners[first]]
+    order = np.lexsort((first, fan_vertex))
+    extra = np.concatenate(([False], fan_vertex[order][1:] == fan_vertex[order][:-1]))
+    node_of_fan = np.full(int(fan.max()) + 1, -1, dtype=np.int64)
+    node_of_fan[fans] = fan_vertex
+    node_of_fan[fans[order[extra]]] = vertex_count + np.arange(int(extra.sum()))
+    nodes = triangles.copy().reshape(-1)
+    nodes[corners] = node_of_fan[fan[corners]]
+    node_vertex = np.concatenate((np.arange(vertex_count), fan_vertex[order[extra]]))
+    return nodes.reshape(-1, 3), node_vertex
+
+
+def number_edges(nodes: Indices, joined: Indices, proper: Booleans) -> tuple[Indices, Indices, Indices]:
+    """Return the edges of each triangle, the nodes of each edge and the triangles of each edge."""
+    leader = np.arange(nodes.size)
+    leader[joined.max(axis=1)] = joined.min(axis=1)
+    sides = np.flatnonzero(np.repeat(proper, 3))
+    leading = sides[leader[sides] == sides]
+    number = np.full(nodes.size, -1, dtype=np.int64)
+    number[leading] = np.arange(len(leading))
+    side_edge = np.full(nodes.size, -1, dtype=np.int64)
+    side_edge[sides] = number[leader[sides]]
+    edges = np.stack((nodes.reshape(-1)[leading], np.roll(nodes, -1, axis=1).reshape(-1)[leading]), axis=1)
+    edge_triangles = np.full((len(leading), 2), -1, dtype=np.int64)
+    edge_triangles[:, 0] = leading // 3
+    edge_triangles[number[joined.min(axis=1)], 1] = joined.max(axis=1) // 3
+    return side_edge.reshape(-1, 3), edges, edge_triangles
+
+
+def solve_winding(count: int, pairs: Indices, agree: Booleans, areas: Array) -> NDArray[np.int8]:
+    """Orient triangles consistently.
+
+    Every triangle stands for two, itself and its reverse; what can be reached over edges without a change of side
+    belongs together (orientation double cover).
+
+    Parameters
+    ----------
+    count
+        Number of triangles.
+    pairs
+        Triangles that share an edge, (J, 2).
+    agree
+        Whether both run along the edge in opposite directions, (J,).
+    areas
+        Area of each triangle; the orientation that the greater area has already is kept.
+
+    Returns
+    -------
+    (count,) 1: as it is, -1: reverse, 0: the triangle's component has no orientation.
+    """
+    winding = np.ones(count, dtype=np.int8)
+    if agree.all():
+        return winding
+    one = np.concatenate((pairs[:, 0], pairs[:, 0] + count))
+    two = np.concatenate((pairs[:, 1] + np.where(agree, 0, count), pairs[:, 1] + np.where(agree, count, 0)))
+    _, label = connected_parts(one, two, 2 * count)
+    kept, reversed_ = label[:count], label[count:]
+    area = np.bincount(kept, weights=areas, minlength=int(label.max()) + 1)
+    winding[area[reversed_] > area[kept]] = -1
+    # Where both sides weigh the same, the one that holds the first triangle wins.
+    tie = (area[reversed_] == area[kept]) & (reversed_ < kept)
+    winding[tie] = -1
+    winding[kept == reversed_] = 0
+    return winding
+
+
+def winding_of(points: Array, triangles: Indices, joined: Indices) -> NDArray[np.int8]:
+    start = triangles.reshape(-1)
+    agree = start[joined[:, 0]] != start[joined[:, 1]]
+    return solve_winding(len(triangles), joined // 3, agree, triangle_areas(points, triangles))

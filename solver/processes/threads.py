@@ -1,0 +1,44 @@
+"""One BLAS thread for the solver's work, whatever the machine offers.
+
+The solver stacks many small products and systems: threads only slow them down, and LAPACK takes another routine for a
+small system where it has more than one, so that the last bit would depend on the number of cores.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import scipy.linalg  # noqa: F401  its BLAS has to be loaded before threads are counted
+from threadpoolctl import ThreadpoolController
+
+from ..progress import Progress, Steps
+
+Result = TypeVar("Result")
+
+
+@lru_cache(maxsize=1)
+def _libraries() -> ThreadpoolController:
+    """Libraries of this process that keep threads; looking for them takes longer than limiting them."""
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS and LAPACK use one thread."""
+    return _libraries().limit(limits=1, user_api="blas")
+
+
+def on_one_thread(steps: Steps[Result]) -> Steps[Result]:
+    """Run each step of a computation on one BLAS thread; between the steps the caller has its own number again."""
+    request: str | None = None
+    try:
+        while True:
+            with one_thread():
+                try:
+                    step: Progress = steps.send(request)
+                except StopIteration as end:
+                    return end.value
+            request = yield step
+    finally:
+        steps.close()
