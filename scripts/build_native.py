@@ -120,7 +120,7 @@ def build_here() -> Path | None:
 
 
 def zig_command() -> list[str]:
-    """zig's C compiler, from the cache or fetched."""
+    """Zig's C compiler, from the cache or fetched."""
     if not (ZIG / "ziglang").is_dir():
         print("Fetching zig ...", flush=True)
         pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-deps"]

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..fitting.batch import Frame, Problem
 from ..fitting.chunks import ChunkTask, PatchFit
 from ..settings import Settings
 from .library import NativeProblem, NativeSettings, function, reason_against
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 DONE, OUT_OF_MEMORY = 0, 1
 """Of `Status` in kernel.h; anything else means that the arrays contradict each other."""
@@ -23,10 +21,13 @@ DONE, OUT_OF_MEMORY = 0, 1
 FRAME_SIZE = 10
 """Numbers of a frame: centre, turn, origin, scale."""
 
+
 def reason_for_numpy(settings: Settings) -> str | None:
     """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
     if settings.method != "default":
         return "The compiled kernel solves the default method only."
+    if settings.pursuit == "sklearn":
+        return "The compiled kernel has pursuits of its own, not scikit-learn's."
     if settings.automatic_sparsity:
         return "The compiled kernel does not choose the sparsity by itself."
     return reason_against()
