@@ -16,7 +16,7 @@ from ...solver.atomic_files import atomic_output
 
 
 def render_png(scene: Scene, picture: Path) -> None:
-    """Render a scene; a failed run leaves an older picture intact."""
+    """Render to a file that appears when it is complete."""
     with atomic_output(picture) as draft:
         scene.render.filepath = str(draft)
         scene.render.use_file_extension = False
