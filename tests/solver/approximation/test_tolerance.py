@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.benchmarks.generated_models import MODELS, cube, tube
+from sparse_surface.benchmarks.generated_models import MODELS, cube
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.mesh.triangle_mesh import build_mesh
-from sparse_surface.solver.patches.cover import build_cover
-from sparse_surface.solver.patches.parameterisation import domain_quality, initial_domains
-from sparse_surface.solver.patches.patches import build_patches
-from sparse_surface.solver.patches.splitting import with_domains
 
 
 def independent_error(result, vertices):
@@ -82,14 +77,3 @@ def test_every_model_keeps_every_tolerance(model, share, load_model):
     assert max(report["relative"]["vertex_max"], report["relative"]["surface_max"]) <= share
     # between the points at which the solver looks the surface may be off by a little more
     assert independent_error(result, vertices) <= 1.1 * share * size
-
-
-def test_squeezed_patches_are_split():
-    mesh = build_mesh(*tube(8, 60))
-    whole = build_patches(mesh, build_cover(mesh, 7), 7)
-    patches, domains = with_domains(mesh, whole, Settings())
-    assert len(patches) >= len(whole)
-    assert len(domains) == len(patches.vertices)
-    before = domain_quality(mesh, whole, initial_domains(mesh, whole)).squeeze
-    after = domain_quality(mesh, patches, domains).squeeze
-    assert after[patches.rings > 2].min(initial=1.0) >= min(0.1, before.min())
