@@ -118,7 +118,7 @@ def walk(
 
 
 def _move(mesh: TriangleMesh, triangle: Indices, barycentric: Array, moving: Indices, change: Array) -> Array:
-    """Move points by changes of their barycentric coordinates, to the next triangle at most; return the actual change."""
+    """Move points by changes of their barycentric coordinates, to the next triangle at most; return what they moved."""
     before = barycentric[moving]
     after = before + change
     leaves = after < 0.0
