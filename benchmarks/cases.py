@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from ..solver import Settings, approximate
 from ..solver.processes.memory import peak_memory_mb
 from ..solver.processes.pool import WorkerExecutor
 from . import generated_models as models
+
+T = TypeVar("T")
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "total")
 
@@ -34,7 +37,7 @@ class Case:
     size
         Number of vertices of a generated model that has a choice.
     constants
-        Values of the solver's own constants to try, by "module.NAME"; only with one worker.
+        Values to try for the solver's own constants, by "module.NAME"; only with one worker.
     """
 
     model: str
@@ -46,7 +49,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Measured:
-    """What came of a case.
+    """The measurements of one case.
 
     Attributes
     ----------
@@ -93,14 +96,15 @@ class Measured:
         }
 
 
-def unit_seconds(repeats: int = 9) -> float:
+def unit_seconds(repeats: int = 9, clock: Callable[[], float] | None = None) -> float:
     """Seconds that one unit takes now, in this process: the median of a few."""
+    clock = clock or time.perf_counter
     matrix = np.random.default_rng(0).random((1000, 1000))
     times = []
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = clock()
         matrix @ matrix
-        times.append(time.perf_counter() - start)
+        times.append(clock() - start)
     return float(np.median(times))
 
 
@@ -110,14 +114,21 @@ def measure(case: Case) -> Measured:
     with WorkerExecutor(1, preload="approximation.approximate") as process:
         process.submit(int).result()  # answered once the solver is loaded
         set_up = time.perf_counter() - start
-        return replace(process.submit(_run_alone, case).result(), set_up=set_up)
+        # With more workers the clock counts.
+        run = partial(_by_processor_time, run_case) if case.settings.get("workers") == 1 else run_case
+        return replace(process.submit(run, case).result(), set_up=set_up)
 
 
-def _run_alone(case: Case) -> Measured:
-    """Run a case in a process that ends with it; one worker is timed by the processor: other programs do not count."""
-    if case.settings.get("workers") == 1:
-        time.perf_counter = time.process_time
-    return run_case(case)
+def alone(function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function in a process of its own, timed by the processor: other programs do not count."""
+    with WorkerExecutor(1) as process:
+        return process.submit(_by_processor_time, function, *arguments).result()
+
+
+def _by_processor_time(function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function in a process that ends with it and has no workers."""
+    time.perf_counter = time.process_time
+    return function(*arguments)
 
 
 def run_case(case: Case) -> Measured:
@@ -138,7 +149,7 @@ def generated(name: str, size: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def with_constants(constants: Mapping[str, Any]) -> None:
-    """Change constants of the solver in this process, and wherever they were imported to."""
+    """Change constants of the solver in this process."""
     package = Settings.__module__.rpartition(".")[0]
     for name, value in constants.items():
         module, _, constant = name.rpartition(".")

@@ -113,7 +113,7 @@ def _cases(names: Sequence[str] | None, folder: Path, *, all_of_them: bool) -> l
         path = folder / DOWNLOADED[name] if name in DOWNLOADED else Path(name)
         if path.is_file():
             cases.append(Case(name if name in DOWNLOADED else path.stem, arrays=_read(path)))
-        elif name in DOWNLOADED or not callable(getattr(models, name, None)) or name.startswith("_"):
+        elif name in DOWNLOADED or getattr(vars(models).get(name), "__module__", "") != models.__name__:
             if all_of_them:
                 raise InputError(f"There is no model {name!r}.")
             _say(f"{path} is not there, {name} is left out")
@@ -134,5 +134,5 @@ def _read(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     mesh = read_meshes(path)[0].data
     corners, sizes = mesh_data.read_polygons(mesh)
     if not (sizes == 3).all():
-        raise InputError(f"'{path}' is no triangle mesh.")
+        raise InputError(f"'{path}' is not a triangle mesh.")
     return mesh_data.read_positions(mesh), corners.reshape(-1, 3)

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from ..solver import Settings, approximate
 from ..solver.denoising.denoise import denoise
 from ..solver.mesh.triangulation import triangulate
-from ..solver.processes.pool import WorkerExecutor
 from ..solver.surface.metrics import normal_error
 from .bilateral import filtered
-from .cases import Case, generated, unit_seconds
+from .cases import Case, alone, generated, unit_seconds
 from .tables import Table
 
 Array = NDArray[np.float64]
@@ -53,7 +52,7 @@ class Closeness:
 
 @dataclass(frozen=True)
 class DenoisedCase:
-    """What came of a noisy model: the means over the seeds, and the worst.
+    """The measurements of a noisy model: the means over the seeds, and the worst.
 
     Attributes
     ----------
@@ -80,20 +79,18 @@ class DenoisedCase:
 
 
 def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
-    """Measure what is known of these models; returns two tables, and everything as plain values."""
+    """Measure denoising on these models, with noise and without; returns two tables, and everything as plain values."""
     results: list[DenoisedCase] = []
     for noisy in noisy_cases(cases):
         say(f"{noisy.case.model}, noise {noisy.share:.1%}{', all directions' * noisy.isotropic}")
-        with WorkerExecutor(1) as process:
-            results.append(process.submit(measure_noisy, noisy).result())
+        results.append(alone(measure_noisy, noisy))
     clean: dict[str, tuple[bool, float]] = {}
     chosen = [case for case in cases if case.model in CLEAN]
     if any(case.model == "cube" for case in chosen) and all(case.model != "sphere" for case in chosen):
         chosen.append(Case("sphere"))
     for case in chosen:
         say(f"{case.model}, without noise")
-        with WorkerExecutor(1) as process:
-            clean[case.model] = process.submit(measure_clean, case).result()
+        clean[case.model] = alone(measure_clean, case)
     values = {
         "noisy": [asdict(each) for each in results],
         "clean": {model: {"unchanged": same, "units": units} for model, (same, units) in clean.items()},

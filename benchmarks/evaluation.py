@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..solver import Settings, approximate
-from ..solver.processes.pool import WorkerExecutor
 from ..solver.surface.representation import Representation
-from .cases import Case, generated, unit_seconds
+from .cases import Case, alone, generated, unit_seconds
 from .smoothness import bends
 from .tables import Table
 
@@ -52,8 +51,7 @@ def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Ta
     for case in cases:
         if case.model in MODELS:
             say(f"{case.model}, evaluating a million points")
-            with WorkerExecutor(1) as process:
-                results.append(process.submit(evaluate, case).result())
+            results.append(alone(evaluate, case))
     return tables(results), [asdict(each) for each in results]
 
 

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from ..solver.mesh.closest_points import closest_points, interpolate
 from ..solver.mesh.triangulation import triangulate
-from .generated_models import _box_surface, _geodesic_sphere
+from .model_pieces import box_surface, geodesic_sphere
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -68,9 +68,9 @@ def airplane(points: int = 9730, seed: int = 0) -> Cloud:
     surface.
     """
     coarse = _airplane_cells()
-    base, quads = _box_surface(coarse, jitter=0.0)
+    base, quads = box_surface(coarse, jitter=0.0)
     split = 6
-    fine, fine_quads = _box_surface(np.kron(coarse, np.ones((split,) * 3, dtype=bool)), jitter=0.0)
+    fine, fine_quads = box_surface(np.kron(coarse, np.ones((split,) * 3, dtype=bool)), jitter=0.0)
     triangles, _ = triangulate(fine, fine_quads.reshape(-1), 4 * np.arange(len(fine_quads) + 1))
     creases = _sharp_edges(fine, fine_quads)
     shape = np.array(coarse.shape)
@@ -82,8 +82,8 @@ def airplane(points: int = 9730, seed: int = 0) -> Cloud:
 
 
 def head(points: int = 26909, base: int = 428, seed: int = 0) -> Cloud:
-    """Return a smooth head with nose, brows, chin and ears over a base of so many vertices."""
-    directions, triangles = _geodesic_sphere(80, jitter=0.0)
+    """Return a smooth head with nose, brows, chin and ears over a base of `base` vertices."""
+    directions, triangles = geodesic_sphere(80, jitter=0.0)
     true = directions * _head_radius(directions)[:, None]
     size = np.ptp(true, axis=0).max()
     random = np.random.default_rng(seed).normal(size=(points, 3))
@@ -102,7 +102,7 @@ def box(points: int = 9730, cells: int = 5, noise: float = 0.0, seed: int = 0) -
     surface.
     """
     half = np.array([0.5, 0.4, 0.3])
-    grid, quads = _box_surface(np.ones((cells,) * 3, dtype=bool), jitter=0.0)
+    grid, quads = box_surface(np.ones((cells,) * 3, dtype=bool), jitter=0.0)
     directions = (grid / cells - 0.5) @ _rotation(np.array([1.0, 2.0, 3.0]), 0.6).T
     vertices = directions / (np.abs(directions) / half).max(axis=1, keepdims=True)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
@@ -117,13 +117,13 @@ def l_solid(points: int = 10000, noise: float = 0.0, seed: int = 0) -> Cloud:
     """Return an L-shaped solid, sampled evenly; its base is the solid itself in quads of 1/8."""
     solid = np.ones((2, 2, 1), dtype=bool)
     solid[1, 1] = False
-    corners, quads = _box_surface(solid, jitter=0.0)
+    corners, quads = box_surface(solid, jitter=0.0)
     true = corners / 2 - [0.5, 0.5, 0.25]
     triangles, _ = triangulate(true, quads.reshape(-1), 4 * np.arange(len(quads) + 1))
     cloud = sample_triangles(true, triangles, points, seed)
     cloud = cloud + noise * np.random.default_rng(seed + 1).normal(size=cloud.shape)
     creases = sample_segments(true, _sharp_edges(true, quads))
-    base, base_quads = _box_surface(np.kron(solid, np.ones((4, 4, 4), dtype=bool)), jitter=0.0)
+    base, base_quads = box_surface(np.kron(solid, np.ones((4, 4, 4), dtype=bool)), jitter=0.0)
     return Cloud(cloud, base / 8 - [0.5, 0.5, 0.25], base_quads, _distance_from(true, triangles), creases)
 
 

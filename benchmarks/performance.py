@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from ..solver.processes.pool import WorkerExecutor
-from .cases import STAGES, Case, Measured, measure
+from .cases import STAGES, Case, Measured, alone, measure
 from .natural_alternative import compare
 from .tables import Table
 
@@ -41,8 +40,7 @@ def libraries(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[s
     found = []
     for case in cases:
         say(f"{case.model}, the same patches by libraries")
-        with WorkerExecutor(1) as process:
-            found.append(process.submit(compare, case).result())
+        found.append(alone(compare, case))
     measures = ("units each", "vertex rms", "inside rms")
     head = ["model", "patches", *(f"libraries, {name}" for name in measures), *measures, "times faster"]
     rows = [

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..solver import Reconstruction, reconstruct
 from ..solver.mesh.closest_points import closest_points
-from ..solver.reconstruction.oscillation import triangle_grid
-from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
+from ..solver.mesh.sampling import triangle_grid
 from ..solver.settings import Settings
+from .cases import unit_seconds
 from .generated_clouds import Cloud, airplane, ball, box, head, l_solid
 from .tables import Table
 
@@ -61,7 +62,7 @@ class MeasuredCloud:
     surface
         Distance of the surface, sampled evenly by area, from the true one: rms and largest.
     edges
-        Mean distance of the true edges from the surface; None where there are none.
+        Mean distance of the true edges from the surface; None if the surface has no edges.
     fit
         Distance of the points from the surface: rms and largest.
     """
@@ -107,7 +108,7 @@ def measure(case: CloudCase) -> MeasuredCloud:
 
         made = make_base(cloud.points)
         vertices, faces = made.vertices, made.triangles
-    unit = unit_seconds()
+    unit = unit_seconds(5, time.process_time)
     start = time.process_time()
     result = reconstruct(cloud.points, vertices, faces, Settings(workers=1))
     seconds = time.process_time() - start
@@ -125,7 +126,7 @@ def measure(case: CloudCase) -> MeasuredCloud:
         fit=(relative["surface_rms"], relative["surface_max"]),
         flips=result.report["flipped_triangles"],
         seconds=seconds,
-        unit=0.5 * (unit + unit_seconds()),
+        unit=0.5 * (unit + unit_seconds(5, time.process_time)),
     )
 
 
@@ -142,17 +143,6 @@ def evaluated(result: Reconstruction, splits: int = SPLITS) -> tuple[Array, Indi
     small = np.concatenate([upright, turned])
     small = small[(small >= 0).all(axis=1)]
     return points, (small[None] + len(grid) * np.arange(count)[:, None, None]).reshape(-1, 3)
-
-
-def unit_seconds(repeats: int = 5) -> float:
-    """Processor time of one product of 1000 x 1000 matrices: the median of a few."""
-    matrix = np.random.default_rng(0).random((1000, 1000))
-    times = []
-    for _ in range(repeats):
-        start = time.process_time()
-        matrix @ matrix
-        times.append(time.process_time() - start)
-    return float(np.median(times))
 
 
 def _areas(points: Array, triangles: Indices) -> Array:

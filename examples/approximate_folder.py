@@ -1,10 +1,10 @@
-"""Approximate every mesh file of a folder, one after the other; what is refused does not stop the rest.
+"""Approximate every mesh file of a folder, one after the other; a refused file does not stop the rest.
 
     blender --background --python examples/approximate_folder.py -- models results --preset fast
     python examples/approximate_folder.py models results --preset fast
 
-For each file there are, in the second folder: the result as .ply, its heat map as .png and its report as .json.
-Whatever follows the folders goes to `sparse_surface approximate` as it is.  On a render farm each machine can take
+For each file the second folder gets the result as .ply, its heat map as .png and its report as .json.
+All further arguments are passed on to `sparse_surface approximate`.  On a render farm each machine can take
 files of its own: --part 2/5 is the second of five.
 """
 
@@ -18,8 +18,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import extension
 
-KINDS = {".obj", ".ply", ".stl", ".blend", ".glb", ".gltf", ".usd", ".abc"}
-
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Approximate every mesh file of a folder.")
@@ -27,9 +25,11 @@ def main() -> int:
     parser.add_argument("results", type=Path, help="folder for the results, made where it is missing")
     parser.add_argument("--part", default="1/1", metavar="I/N", help="the I-th of N shares of the files")
     options, settings = parser.parse_known_args(extension.arguments())
-    command_line = importlib.import_module(extension.package().__name__ + ".command_line.main")
+    package = extension.package().__name__
+    command_line = importlib.import_module(f"{package}.command_line.main")
+    formats = importlib.import_module(f"{package}.operators.files.formats")
     number, parts = (int(text) for text in options.part.split("/"))
-    files = sorted(file for file in options.models.iterdir() if file.suffix.lower() in KINDS)
+    files = sorted(file for file in options.models.iterdir() if file.suffix.lower() in formats.READABLE)
     options.results.mkdir(parents=True, exist_ok=True)
     refused = []
     own = files[number - 1 :: parts]
@@ -43,5 +43,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    # Blender goes on after a script; sys.exit ends it with the code.
+    # Blender keeps running after a script; sys.exit ends it with the code.
     sys.exit(main())

@@ -23,10 +23,10 @@ import sparse_surface
 from mathutils import Euler, Vector
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.operators.data.result_keys import read_report
-from sparse_surface.operators.files.atomic import beside
 from sparse_surface.operators.files.formats import up_axis
 from sparse_surface.operators.files.meshes import read_meshes, write_meshes
 from sparse_surface.operators.heat_map.picture import render_heatmap
+from sparse_surface.solver.atomic_files import atomic_output
 from sparse_surface.solver.errors import SparseSurfaceError
 
 OUT = Path(__file__).resolve().parent.parent / "out"
@@ -84,7 +84,7 @@ def write(name: str, source: Any, result: Any, up: str) -> dict[str, Any]:
     report = read_report(result)
     assert report is not None
     write_meshes(OUT / f"{name}.ply", [result])
-    with beside(OUT / f"{name}.json") as draft:
+    with atomic_output(OUT / f"{name}.json") as draft:
         draft.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     render_heatmap(result, OUT / f"{name}.png", source=source, up=up)
     return report

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,8 @@ import pytest
 bpy_missing = subprocess.run([sys.executable, "-c", "import bpy"], capture_output=True).returncode != 0
 pytestmark = pytest.mark.skipif(bpy_missing, reason="the command line needs bpy")
 
+# Errors in a line about a result: "rms 0.012 (6.0e-03 of the size), max 0.03 (1.5e-02)".
+NUMBERS = re.compile(r"rms (\S+) \((\S+) of the size\), max (\S+) \((\S+)\)")
 QUICK = ("--iterations", "2", "--sweeps", "0", "--workers", "1")
 
 
@@ -70,12 +73,18 @@ def test_approximate_writes_result_and_report(model: Path, tmp_path: Path) -> No
     assert np.sqrt((distance**2).mean()) == pytest.approx(report["vertex_error"]["rms"], rel=1e-3)
     assert 0.0 < report["relative"]["vertex_max"] < 0.05
     assert report["settings"]["iterations"] == 2
-    assert f"{report['patches']} patches" in done.stdout
+    said = next(line for line in done.stdout.splitlines() if NUMBERS.search(line))
+    rms, rms_share, largest, largest_share = map(float, NUMBERS.search(said).groups())  # type: ignore[union-attr]
+    assert (rms, largest) == pytest.approx([report["surface_error"][name] for name in ("rms", "max")], rel=5e-3)
+    size = np.ptp(before, axis=0).max()
+    assert (rms_share, largest_share) == pytest.approx((rms / size, largest / size), rel=1e-2)
+    assert f"{len(before)} vertices" in said
+    assert f"{report['patches']} patches" in said
     assert "100%" in done.stdout or "Solving patches" in done.stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model.obj", "out.mtl", "out.obj", "report.json"]
 
 
-@pytest.mark.parametrize("ending", [".obj", ".ply", ".stl", ".blend", ".glb", ".usdc"])
+@pytest.mark.parametrize("ending", [".obj", ".ply", ".stl", ".blend", ".glb", ".gltf", ".fbx", ".usdc", ".abc"])
 def test_an_unmoved_vertex_comes_out_where_it_went_in(model: Path, tmp_path: Path, ending: str) -> None:
     """A whole round: file to file to .obj, with a sheet that the solver passes through (its only triangle pair)."""
     plane = np.array([[0, 2, -3], [1, 2, -3], [1, 3, -3.5], [0, 3, -3.5]])
@@ -85,7 +94,7 @@ def test_an_unmoved_vertex_comes_out_where_it_went_in(model: Path, tmp_path: Pat
     done = run("approximate", middle, "-o", last, *QUICK, *(["--object", "flat"] if ending == ".blend" else []))
     assert done.returncode == 0, done.stderr
     after, _ = read_obj(last)
-    if ending in (".glb",):  # a format whose own axes are others: only the round trip can be compared
+    if ending in (".glb", ".gltf"):  # a format whose own axes are others: only the round trip can be compared
         assert sorted(map(tuple, np.round(after, 4))) == sorted(map(tuple, np.round(plane, 4)))
     else:
         assert np.allclose(after, plane, atol=1e-5)
@@ -179,7 +188,7 @@ def test_denoising_by_preset_strength_and_level(tmp_path: Path) -> None:
     ("content", "name", "words"),
     [
         (None, "absent.obj", "There is no file"),
-        ("hello", "text.txt", "no kind that can be read"),
+        ("hello", "text.txt", "not a kind of file that can be read"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "points.obj", "no "),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line.obj", "no area"),
         ("", "empty.obj", "no mesh"),
@@ -212,12 +221,20 @@ def test_refused_input(tmp_path: Path, content: str | None, name: str, words: st
         ("approximate", "{model}", "-o", "out.unknown"),
         ("approximate", "{model}", "-o", "no/such/folder/out.ply"),
         ("approximate", "{model}", "--heatmap", "out.txt"),
+        ("approximate", "{model}", "-o", "{folder}"),
+        ("approximate", "{model}", "--report", "{folder}"),
+        ("approximate", "{model}", "--resample", "0"),
+        ("approximate", "{model}", "--resample", "1.5"),
+        ("evaluate", "{model}", "--resample", "0", "-o", "out.ply"),
+        ("inspect", "{model}", "-o", "out.ply"),
+        ("compare", "{model}", "--first", "fast", "--second", "fast"),
     ],
 )
 def test_wrong_usage(model: Path, tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    done = run(*(argument.format(model=model) for argument in arguments), cwd=tmp_path)
+    done = run(*(argument.format(model=model, folder=tmp_path) for argument in arguments), cwd=tmp_path)
     assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stderr.strip()
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("sparse_surface")
     assert [path.name for path in tmp_path.iterdir()] == ["model.obj"]
 
 
@@ -245,13 +262,13 @@ def test_cancelled(tmp_path: Path) -> None:
 
 
 def test_an_older_output_is_kept_when_writing_fails(model: Path, tmp_path: Path) -> None:
-    from sparse_surface.operators.files.atomic import beside
+    from sparse_surface.solver.atomic_files import atomic_output
 
     target = tmp_path / "old.json"
     target.write_text("old")
 
     def fail_in_the_middle() -> None:
-        with beside(target) as draft:
+        with atomic_output(target) as draft:
             draft.write_text("half")
             raise OSError("disk full")
 
@@ -329,7 +346,91 @@ def test_two_presets_are_compared_on_one_scale(model: Path, tmp_path: Path) -> N
     )
     seen = subprocess.run([sys.executable, "-c", look, str(out)], check=True, capture_output=True, text=True)
     assert "['model Sparse Surface 1 Default', 'model Sparse Surface 2 Fast'] 1" in seen.stdout
-    assert run("compare", model, "--first", "fast", "--second", "fast").returncode == 2
+
+
+def test_colours_end_at_the_largest_error(model: Path, tmp_path: Path) -> None:
+    out, report = tmp_path / "out.blend", tmp_path / "report.json"
+    assert run("approximate", model, "-o", out, "--report", report, *QUICK).returncode == 0
+    look = (
+        "import bpy, sys\n"
+        "bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
+        "print(*bpy.data.objects['model Sparse Surface']['error_color_range'])\n"
+    )
+    seen = subprocess.run([sys.executable, "-c", look, str(out)], check=True, capture_output=True, text=True)
+    low, high, tolerance = map(float, seen.stdout.splitlines()[-1].split())
+    assert (low, tolerance) == (0.0, 0.0)
+    assert high == pytest.approx(json.loads(report.read_text())["vertex_error"]["max"], rel=1e-5)
+
+
+def two_sheets(path: Path) -> Path:
+    """Write a file with two objects."""
+    vertices, faces = sheet(8)
+    lines = []
+    for number, name in enumerate(("left", "right")):
+        lines += [f"o {name}", *("v {:.6f} {:.6f} {:.6f}".format(*point) for point in vertices + 5.0 * number)]
+        lines += ["f " + " ".join(str(corner + 1 + number * len(vertices)) for corner in face) for face in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_several_meshes_of_a_file(tmp_path: Path) -> None:
+    source, out = two_sheets(tmp_path / "two.obj"), tmp_path / "out.obj"
+    files = ("-o", out, "--report", tmp_path / "r.json", "--representation", tmp_path / "rep.npz")
+    assert run("approximate", source, *files, *QUICK).returncode == 0
+    assert sorted(json.loads((tmp_path / "r.json").read_text())) == ["left", "right"]
+    assert len(read_obj(out)[0]) == 2 * 64
+    assert {path.name for path in tmp_path.glob("*.npz")} == {"rep_left.npz", "rep_right.npz"}
+    done = run("compare", source, "-o", tmp_path / "both.obj")
+    assert done.returncode == 1
+    assert "The file has 2 meshes; name one of them with --object." in done.stderr
+    done = run("approximate", source, "--object", "left", "--report", tmp_path / "one.json", *QUICK)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "one.json").read_text())["input"]["vertices"] == 64
+    assert run("approximate", source, "--object", "middle").returncode == 1
+    assert not (tmp_path / "both.obj").exists()
+
+
+NEW_OUTPUT = """
+import sys
+from sparse_surface.command_line import outputs
+def write(path, made):
+    path.write_text("".join(f"{each.source.name},{each.report['patches']}\\n" for each in made))
+outputs.OUTPUTS += (outputs.Output(("--counts",), "FILE.csv", "numbers of patches", write, (".csv",)),)
+from sparse_surface.command_line.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_new_kind_of_output_is_a_row(model: Path, tmp_path: Path) -> None:
+    def run_with_row(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", NEW_OUTPUT, "approximate", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+    assert "--counts FILE.csv" in run_with_row("--help").stdout
+    refused = run_with_row(model, "--counts", tmp_path / "counts.txt")
+    assert refused.returncode == 2
+    assert "the file's ending must be .csv, not '.txt'" in refused.stderr
+    report = tmp_path / "report.json"
+    assert run_with_row(model, "--counts", tmp_path / "counts.csv", "--report", report, *QUICK).returncode == 0
+    assert (tmp_path / "counts.csv").read_text() == f"model,{json.loads(report.read_text())['patches']}\n"
+
+
+def test_the_benchmark_is_missed_in_a_sentence() -> None:
+    """The extension's zip does not hold it."""
+    code = (
+        "import sys, importlib.util as u; plain = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name.endswith('benchmarks') else plain(name, *rest)\n"
+        "from sparse_surface.command_line.main import main; sys.exit(main(['benchmark', '--models', 'cube']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "sparse_surface: The benchmark comes with the source code, not with the extension.\n"
+
+
+def test_help_lists_what_blender_reads_and_writes() -> None:
+    shown = " ".join(run("approximate", "--help").stdout.split())
+    assert "mesh file: .obj .ply .stl .blend .glb .gltf .fbx .usd .usda .usdc .usdz .abc" in shown
+    assert "mesh file: .obj .ply .stl .blend .glb .gltf .fbx .usd .usda .usdc .abc" in shown
 
 
 def test_representations_that_are_none_are_refused(tmp_path: Path) -> None:
@@ -444,6 +545,28 @@ def test_reconstruct_refuses(tmp_path: Path, content: str, options: tuple[str, .
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert [each.name for each in tmp_path.iterdir()] == ["scan.xyz"]
+
+
+WITHOUT_BLENDER = """
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name == "bpy":
+            raise ModuleNotFoundError(name=name)
+sys.meta_path.insert(0, Refuse())
+from sparse_surface.command_line.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [(("approximate", "--help"), 0), (("reconstruct", "a.ply", "--ring", "-1"), 2), (("compare", "a", "-o", "b.x"), 2)],
+)
+def test_help_and_usage_need_no_blender(tmp_path: Path, arguments: tuple[str, ...], code: int) -> None:
+    command = [sys.executable, "-c", WITHOUT_BLENDER, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert done.returncode == code, done.stderr
 
 
 def test_reconstruct_says_when_blender_is_missing(tmp_path: Path) -> None:

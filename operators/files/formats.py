@@ -1,7 +1,7 @@
 """The kinds of mesh file that Blender reads and writes; a new kind is a row.  Needs no Blender.
 
-Axes stay as they are in the file, and so do vertex order and scale: a vertex that nothing moved comes out where it
-went in.
+Axes stay as they are in the file, and so do vertex order and scale: an unmoved vertex keeps its
+coordinates from file to file.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ _BLEND = {"load_ui": False, "use_scripts": False}, {"copy": True, "compress": Tr
 _GLTF = ("import_scene.gltf",), "export_scene.gltf", {"merge_vertices": True}
 _FBX = ("wm.fbx_import", "import_scene.fbx"), "export_scene.fbx"
 _ABC = {"as_background_job": False}
+# Blender crashes on the zero bytes of the stored representation.
+_ABC_OUT = {**_ABC, "selected": True, "export_custom_properties": False}
 
 FORMATS = (
     Format((".obj",), ("wm.obj_import",), "wm.obj_export", _AXES, _OWN, up="Y"),
@@ -59,7 +61,7 @@ FORMATS = (
     Format((".fbx",), *_FBX, {}, {"use_selection": True}, "io_scene_fbx"),
     Format((".usd", ".usda", ".usdc"), ("wm.usd_import",), "wm.usd_export", {}, {"selected_objects_only": True}),
     Format((".usdz",), ("wm.usd_import",), None),
-    Format((".abc",), ("wm.alembic_import",), "wm.alembic_export", _ABC, {**_ABC, "selected": True}),
+    Format((".abc",), ("wm.alembic_import",), "wm.alembic_export", _ABC, _ABC_OUT),
 )
 
 BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}

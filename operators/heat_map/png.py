@@ -12,19 +12,17 @@ from pathlib import Path
 import bpy
 from bpy.types import Scene
 
+from ...solver.atomic_files import atomic_output
+
 
 def render_png(scene: Scene, picture: Path) -> None:
-    """Render to a temporary file and rename it, so that a failed run leaves the old picture intact."""
-    partial = picture.with_name(f".{picture.stem}.{os.getpid()}.png")
-    scene.render.filepath = str(partial)
-    scene.render.use_file_extension = False
-    try:
+    """Render to a file that appears when it is complete."""
+    with atomic_output(picture) as draft:
+        scene.render.filepath = str(draft)
+        scene.render.use_file_extension = False
         with _quiet():
             bpy.ops.render.render(write_still=True, scene=scene.name)
-        partial.write_bytes(without_texts(partial.read_bytes()))
-        partial.replace(picture)
-    finally:
-        partial.unlink(missing_ok=True)
+        draft.write_bytes(without_texts(draft.read_bytes()))
 
 
 @contextmanager

@@ -14,8 +14,8 @@ from ..arrays import Array, Indices
 from ..errors import SettingsError
 from ..mesh.normals import normals_and_areas
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
+from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, run_to_end, within
-from ..threads import on_one_thread
 from .noise_level import STRONG, estimate_noise_level, mean_edge_length
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule

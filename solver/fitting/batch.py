@@ -17,11 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
+from ..mesh.quadrics import quadric_terms
 from .domain_energy import DomainEnergy
 from .sparse_matrices import diagonal_blocks, for_both, in_single_precision
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -279,7 +278,7 @@ def principal_axes(domain: Array, values: Array) -> Array:
     if reach == 0.0:
         return np.eye(2)
     u, v = centred.T / reach
-    quadratic = np.linalg.lstsq(np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1), values, rcond=1e-8)[0]
+    quadratic = np.linalg.lstsq(quadric_terms(u, v, axis=1), values, rcond=1e-8)[0]
     hessians = np.array([[2 * quadratic[3], quadratic[4]], [quadratic[4], 2 * quadratic[5]]])
     _, axes = np.linalg.eigh(np.einsum("abd,bcd->ac", hessians, hessians))
     axes = axes[:, ::-1]

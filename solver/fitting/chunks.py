@@ -8,20 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from ..patch_methods import METHODS
 from ..patches.blending import fitting_weights
 from ..patches.observations import Observations, PatchObservations
+from ..processes.threads import one_thread
 from ..settings import Settings
-from ..threads import one_thread
 from .batch import Batch, Frame, Problem, build_batch, warm_starts
 from .dictionary import Dictionary
 from .methods import solver_of
 from .solution import Solution
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SWEEP_ITERATIONS = 3
 """Iterations when a sweep refits a patch."""

@@ -8,18 +8,15 @@ the same for a single signal.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Booleans, Indices
 from .pursuit import least_squares_pursuit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FOLDS = 5
 RIDGE = 1e-10
 
 
-def validated_sparsity(functions: Array, values: Array, most: int, allowed: NDArray[np.bool_]) -> Indices:
+def validated_sparsity(functions: Array, values: Array, most: int, allowed: Booleans) -> Indices:
     """Number k of functions with the least squared error on held-out observations, argmin_k sum_folds |b - h_k|^2.
 
     Parameters
@@ -45,9 +42,7 @@ def validated_sparsity(functions: Array, values: Array, most: int, allowed: NDAr
     return error.argmin(axis=2) + 1
 
 
-def _held_out_error(
-    functions: Array, values: Array, most: int, allowed: NDArray[np.bool_], held_out: NDArray[np.bool_]
-) -> Array:
+def _held_out_error(functions: Array, values: Array, most: int, allowed: Booleans, held_out: Booleans) -> Array:
     """Squared error on the held-out observations with 1 .. `most` functions, (B, D, most)."""
     # `compress` keeps the memory layout that matrix products need; indexing with a mask would not
     known, asked = np.compress(~held_out, functions, axis=2), np.compress(held_out, functions, axis=2)

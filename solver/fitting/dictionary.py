@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from ..arrays import Array, Indices
 
 LEGENDRE_SUPPORT = 1.05
 """Legendre polynomials are stretched to [-1.05, 1.05], as the optimised domain may slightly leave [-1, 1]."""

@@ -18,11 +18,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from ..arrays import Array, Booleans, Indices
 
 RIDGE = 1e-12
 INDEPENDENT = 1e-10
@@ -68,7 +65,7 @@ class _Selection:
 
 
 def matching_pursuit(
-    gram: Array, correlation: Array, sparsity: int, allowed: Flags | None = None, worth: Array | None = None
+    gram: Array, correlation: Array, sparsity: int, allowed: Booleans | None = None, worth: Array | None = None
 ) -> Indices:
     """Orthogonal matching pursuit: repeatedly take the function most parallel to the residual.
 
@@ -108,7 +105,7 @@ def least_squares_pursuit(
     gram: Array,
     correlation: Array,
     sparsity: int,
-    allowed: Flags | None = None,
+    allowed: Booleans | None = None,
     replacements: int = 1,
     worth: Array | None = None,
 ) -> Indices:
@@ -148,7 +145,7 @@ def least_squares_pursuit(
 
 
 def reference_pursuit(
-    gram: Array, correlation: Array, sparsity: int, allowed: Flags | None = None, worth: Array | None = None
+    gram: Array, correlation: Array, sparsity: int, allowed: Booleans | None = None, worth: Array | None = None
 ) -> Indices:
     """Orthogonal matching pursuit by scikit-learn, one signal at a time; parameters as in `matching_pursuit`.
 
@@ -198,7 +195,7 @@ def _greedy(
     gram: Array,
     correlation: Array,
     sparsity: int,
-    allowed: Flags | None,
+    allowed: Booleans | None,
     fixed_norm: Array | None,
     worth: Array | None = None,
 ) -> Indices:
@@ -239,7 +236,7 @@ def _greedy(
     return support.reshape(batch, signals, sparsity)
 
 
-def _replace_cyclically(gram: Array, correlation: Array, support: Indices, allowed: Flags | None) -> Indices:
+def _replace_cyclically(gram: Array, correlation: Array, support: Indices, allowed: Booleans | None) -> Indices:
     """Replace each chosen function in turn by the best one for its place, which may be itself."""
     batch, signals, sparsity = support.shape
     size = gram.shape[-1]
@@ -265,7 +262,7 @@ def _replace_cyclically(gram: Array, correlation: Array, support: Indices, allow
     return result.reshape(support.shape)
 
 
-def _or_low_degrees(gram: Array, correlation: Array, support: Indices, allowed: Flags | None) -> Indices:
+def _or_low_degrees(gram: Array, correlation: Array, support: Indices, allowed: Booleans | None) -> Indices:
     """Take all functions up to the highest total degree that has room, where they fit no worse than the chosen ones.
 
     Where both leave only rounding errors, those of low degree do not oscillate between the observations.
@@ -283,7 +280,7 @@ def _or_low_degrees(gram: Array, correlation: Array, support: Indices, allowed: 
     return np.where(better[..., None], low, support)
 
 
-def _explained(gram: Array, correlation: Array, support: Indices) -> tuple[Array, Flags]:
+def _explained(gram: Array, correlation: Array, support: Indices) -> tuple[Array, Booleans]:
     """Squared length of the signals' projections on the chosen functions, (B, D), and whether these are independent."""
     some = support >= 0
     patch = np.arange(len(gram))[:, None, None, None]
@@ -316,7 +313,7 @@ def _regress(gram: Array, correlation: Array, support: Indices, patch: Indices) 
     return _Selection(support.copy(), inverse, regression, coefficients, remaining, left_over)
 
 
-def _best_exchange(chosen: _Selection, position: int, barred: Flags, norm: Array) -> tuple[Indices, Indices]:
+def _best_exchange(chosen: _Selection, position: int, barred: Booleans, norm: Array) -> tuple[Indices, Indices]:
     """Problems in which another function does better at `position`, and that function."""
     pivot = chosen.inverse[:, position, position][:, None]
     regression = chosen.regression[:, position]

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Indices
 from .batch import Batch
 from .dictionary import Dictionary
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Booleans, Indices
 from .batch import Batch
 from .cross_validation import validated_sparsity
 from .dictionary import Dictionary
 from .pursuit import PURSUITS
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 RIDGE = 1e-11
 """Added to the diagonal of the scaled Gram matrices, so that their Cholesky factors exist."""
@@ -143,12 +141,12 @@ def _weighted_tables(batch: Batch, dictionary: Dictionary, domain: Array) -> Arr
     return tables
 
 
-def _allowed(batch: Batch, dictionary: Dictionary) -> NDArray[np.bool_]:
+def _allowed(batch: Batch, dictionary: Dictionary) -> Booleans:
     """Functions that each problem may use, (B, n)."""
     return dictionary.degrees.sum(axis=1) <= batch.degrees[:, None]
 
 
-def _most(batch: Batch, allowed: NDArray[np.bool_], sparsity: int) -> int:
+def _most(batch: Batch, allowed: Booleans, sparsity: int) -> int:
     """Largest number of functions of a signal: with more of them than observations they would depend on each other."""
     return min(sparsity, int(allowed.sum(axis=1).max()), batch.values.shape[-1])
 
@@ -175,7 +173,7 @@ def as_wide_as(fit: Fit, support: Indices) -> Indices:
     return wide
 
 
-def merge(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
+def merge(first: Booleans, one: Fit, other: Fit) -> Fit:
     """Take each problem from `one` where `first` holds, from `other` elsewhere."""
     if first.all():
         return one

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from ..arrays import Array, Indices
 
 
 def rows_of_three(entries: Array, columns: Indices, width: int) -> sp.csr_matrix:

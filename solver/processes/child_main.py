@@ -13,23 +13,8 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
 
 PACKAGE = "sparse_surface_solver"
-
-
-def load_solver(folder: Path) -> ModuleType:
-    """Load `folder` as the package `PACKAGE` and return it; once loaded, `import` finds it by that name."""
-    if PACKAGE not in sys.modules:
-        spec = importlib.util.spec_from_file_location(
-            PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
-        )
-        if spec is None or spec.loader is None:
-            raise ImportError(f"{folder} is not a package")
-        package = importlib.util.module_from_spec(spec)
-        sys.modules[PACKAGE] = package
-        spec.loader.exec_module(package)
-    return sys.modules[PACKAGE]
 
 
 def give_way() -> None:
@@ -58,12 +43,19 @@ def stop_giving_way() -> None:
 
 
 def main(text: str) -> None:
-    """Carry out the order that `child.Child` wrote; the owner's module search path comes first of all."""
+    """Carry out the order that `child.start_child` wrote; the owner's module search path comes first of all."""
     order = json.loads(text)
     if order["gives_way"]:
         give_way()
     sys.path[:] = order["module_search_path"]
-    load_solver(Path(__file__).resolve().parent.parent)
+    folder = Path(__file__).resolve().parent.parent
+    spec = importlib.util.spec_from_file_location(
+        PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[PACKAGE] = package = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(package)
     importlib.import_module(f"{PACKAGE}.processes.service").serve(order["owners_package"], order["preload"])
 
 

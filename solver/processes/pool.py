@@ -3,10 +3,10 @@
 A thread for each child (see `child`) feeds it one task at a time.  A child that dies is replaced and its task done
 again.  Children end when their standard input closes, so even a killed owner leaves none behind.
 
-`loky`, the pool that joblib brings along, does not work here: where only this process knows the package by its name
-(``bl_ext...`` inside Blender), loky's children fail with ``BrokenProcessPool: A task has failed to un-serialize``
-(joblib 1.5.3).  A `ProcessPoolExecutor` that is started inside Blender left three processes behind and held Blender's
-end up for 13 seconds.
+loky, the pool that joblib brings along, does not work here: where only this process knows the package by its name
+(``bl_ext...`` inside Blender), its children fail with ``BrokenProcessPool: A task has failed to un-serialize`` (tried
+with loky 3.5.6 of joblib 1.5.3).  A `ProcessPoolExecutor` in Blender left three processes behind when Blender quit in
+the middle of a job, and held it up for 13 seconds.
 """
 
 from __future__ import annotations
@@ -195,8 +195,7 @@ class _Worker:
         try:
             answer = self._answer(task)
         except Exception as error:
-            task.future.set_exception(error)
-            return
+            answer = Answer(None, error, self.peak_memory_mb)
         self.peak_memory_mb = answer.peak_memory_mb
         if answer.error is None:
             task.future.set_result(answer.value)
@@ -261,14 +260,13 @@ class _Worker:
         return lines[-1].strip() if lines else ""
 
 
-def _next(process: subprocess.Popen[bytes]) -> Progress | Answer:
-    """Wait for what the child says next."""
+def _next(process: subprocess.Popen[bytes]) -> Any:
+    """Wait for what the child says next: `Progress`, or its `Answer`."""
     try:
         parts = receive(cast(FileIO, process.stdout))
     except (OSError, EOFError, ValueError) as error:
         raise _Died from error
-    said: Progress | Answer = unpack(parts, PACKAGE)
-    return said
+    return unpack(parts, PACKAGE)
 
 
 def physical_cores() -> int:

@@ -16,6 +16,9 @@ from ..fitting.dictionary import Dictionary
 from ..settings import Settings
 from .container import INDICES, REAL, Arrays, Format, Layer, demand, pack, refusing, smallest_indices, unpack
 
+HARMLESS = 2e-7
+"""Move of the surface, in longest sides, up to which domains are stored in single precision."""
+
 LARGEST_VALUES = {
     "vertices": 1e60,
     "domains": 1e4,

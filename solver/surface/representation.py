@@ -1,9 +1,4 @@
-"""The representation: everything that is needed to evaluate the surface anywhere.
-
-At a point x of a triangle the surface is the blend S(x) = sum_k phi_k(x) h_k(Phi_k(x)) of the patches that contain the
-triangle; h_k is a sparse polynomial, Phi_k maps the triangle linearly into the patch's optimised domain, and phi_k is
-linear on the triangle.  What the weights miss of a sum of one goes to the input itself.
-"""
+"""The representation: everything that is needed to evaluate the surface anywhere."""
 
 from __future__ import annotations
 
@@ -34,15 +29,14 @@ ROUNDING = 1e-12
 SLACK = 1e-4
 """By how much barycentric coordinates may be off; single precision computes them to 1e-7."""
 
-HARMLESS = 2e-7
-"""Move of the surface, in longest sides, up to which domains are stored in single precision."""
-
 
 @dataclass(frozen=True)
 class Representation:
     """K patches over a mesh of V vertices, T triangles; M patch vertices and S patch triangles in ragged arrays.
 
-    The surface is S(x) = sum_k phi_k(x) h_k(Phi_k(x)) + (1 - sum_k phi_k(x)) x (eqs. 1 and 6, section 4.2).
+    The surface at a point x of a triangle is S(x) = sum_k phi_k(x) h_k(Phi_k(x)) + (1 - sum_k phi_k(x)) x, the sum over
+    the patches that contain the triangle (eqs. 1 and 6, section 4.2): h_k is a sparse polynomial, Phi_k maps the
+    triangle linearly into the patch's optimised domain, and phi_k is linear on the triangle.
 
     Attributes
     ----------
@@ -174,10 +168,8 @@ class Representation:
 
         Yields
         ------
-        triangles
-            A run of patch triangles.
-        values
-            The patches' own surfaces there, (n, q, 3), scene units.
+        triangles, values
+            A run of patch triangles, and the patches' own surfaces there, (n, q, 3), scene units.
         """
         count = len(samples)
         for first, end in runs_of_rows(self.triangle_offsets, POINTS_AT_ONCE // count):
@@ -250,10 +242,8 @@ class Representation:
 
         Returns
         -------
-        points
-            (N, 3).
-        tangents
-            Derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (N, 2, 3), scene units.
+        points, tangents
+            (N, 3), and the derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (N, 2, 3), scene units.
         """
         result = self._evaluate(face_index, barycentric, tangents=True)
         return result[:, 0], result[:, 1:]
@@ -271,7 +261,7 @@ class Representation:
         """
         arrays = {name: getattr(self, name) for name in files.LAYERS}
         rounded = self.domains.astype("<f4")
-        if self._moved_by(rounded) <= HARMLESS:
+        if self._moved_by(rounded) <= files.HARMLESS:
             arrays["domains"] = rounded
         return files.to_bytes({"blending": self.blending, "basis": self.basis, "degree": self.degree}, arrays)
 
@@ -282,11 +272,6 @@ class Representation:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
-
-        Parameters
-        ----------
-        path
-            The file; an existing one is replaced.
 
         Raises
         ------

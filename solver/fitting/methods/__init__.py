@@ -5,9 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Protocol, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ...arrays import Array, Indices
 from ...patch_methods import METHODS
 from ...settings import Settings
 from ..batch import Batch
@@ -25,13 +23,7 @@ class PatchSolver(Protocol):
         """Fit every problem from its initial domain."""
 
     def improve(
-        self,
-        batch: Batch,
-        dictionary: Dictionary,
-        settings: Settings,
-        domain: NDArray[np.float64],
-        support: NDArray[np.int64],
-        iterations: int,
+        self, batch: Batch, dictionary: Dictionary, settings: Settings, domain: Array, support: Indices, iterations: int
     ) -> Solution:
         """Continue from an earlier solution: its domains (2, B, m) and functions (B, D, s), for changed data."""
 

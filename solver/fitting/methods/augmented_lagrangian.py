@@ -21,8 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, Booleans, Indices
 from ...settings import Settings
 from ..batch import Batch
 from ..dictionary import Dictionary, coefficient_grid
@@ -30,9 +30,6 @@ from ..domain_energy import DomainEnergy
 from ..solution import Solution, Trace
 from ..sparse_fit import Fit, as_wide_as, least_squares, merge, select
 from .lbfgs import minimise
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STOP_CHANGE = 1e-6
 """A problem ends when the root mean square of its misfit changes by less, in its frame (half width 1)."""
@@ -114,7 +111,7 @@ class Iteration:
             self._note(trace)
         return Solution(self.best_domain, self.best_fit.support, self.best_fit.coefficients, trace)
 
-    def step(self, running: NDArray[np.bool_]) -> None:
+    def step(self, running: Booleans) -> None:
         """Steps 1 to 4 for the problems that are running."""
         settings = self.settings
         fit = self.choose()
@@ -161,7 +158,7 @@ class Iteration:
         """Weighted misfit of the data at the observations, (B, D, N)."""
         return (self.batch.values - self.fitted(self.domain, fit)) * self.batch.root_weights
 
-    def take(self, fit: Fit, running: NDArray[np.bool_] | None = None) -> None:
+    def take(self, fit: Fit, running: Booleans | None = None) -> None:
         """Note the present domains with `fit` as iterate, the best one of a problem where its energy is lowest."""
         residual = self.residual(fit)
         squares = np.einsum("bdn,bdn->b", residual, residual)

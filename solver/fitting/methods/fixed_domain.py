@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ...arrays import Array, Indices
 from ...settings import Settings
 from ..batch import Batch
 from ..dictionary import Dictionary
@@ -19,12 +17,7 @@ def solve(batch: Batch, dictionary: Dictionary, settings: Settings) -> Solution:
 
 
 def improve(
-    batch: Batch,
-    dictionary: Dictionary,
-    settings: Settings,
-    domain: NDArray[np.float64],
-    support: NDArray[np.int64],
-    iterations: int,
+    batch: Batch, dictionary: Dictionary, settings: Settings, domain: Array, support: Indices, iterations: int
 ) -> Solution:
     """Choose functions for the changed data, and keep the earlier ones (B, D, s) where they fit better."""
     new = select(batch, dictionary, batch.start, settings.sparsity, settings.pursuit)

@@ -16,9 +16,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..batch import Batch
 
-Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 CONJUGATE_GRADIENT_STEPS = 16

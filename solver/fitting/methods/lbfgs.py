@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...arrays import Array, Booleans
+
 Objective = Callable[[Array], tuple[Array, Array]]
 
 MEMORY = 12
@@ -82,7 +82,7 @@ class _CurvaturePairs:
         self._pairs.append((move, change, np.divide(1.0, curvature, out=np.zeros_like(curvature), where=usable)))
         self._scale = np.divide(curvature, square, out=self._scale, where=usable)
 
-    def forget(self, problems: NDArray[np.bool_]) -> None:
+    def forget(self, problems: Booleans) -> None:
         """Drop what is known of some problems."""
         for _, _, inverse in self._pairs:
             inverse[problems] = 0.0
@@ -109,8 +109,8 @@ def _line_search(
     direction: Array,
     slope: Array,
     length: Array,
-    active: NDArray[np.bool_],
-) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    active: Booleans,
+) -> tuple[Booleans, Array, Array, Array]:
     """Shorten each active problem's step until it pays (Armijo); returns which did, and the points reached."""
     new_point, new_value, new_gradient = point.copy(), value.copy(), gradient.copy()
     waiting = active.copy()

@@ -17,8 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, Booleans, Indices
 from ...settings import Settings
 from ..batch import Batch
 from ..dictionary import Dictionary, coefficient_grid
@@ -26,9 +26,6 @@ from ..domain_energy import largest_step
 from ..solution import Solution, Trace
 from ..sparse_fit import Fit, generalisation_score, least_squares, merge, refined_coefficients, select, select_validated
 from .gauss_newton import gauss_newton_move
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ANNEALING_STEPS = 8
 PROXIMITY_DECAY = 0.26
@@ -68,7 +65,7 @@ class State:
     domain: Array
     fit: Fit
     damping: Array
-    settled: NDArray[np.bool_]
+    settled: Booleans
 
     @classmethod
     def at(cls, domain: Array, fit: Fit) -> State:
