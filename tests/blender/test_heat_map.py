@@ -108,6 +108,22 @@ def test_range_follows_the_display_settings_at_once():
     assert np.array_equal(inside, error <= np.float32(display.tolerance))
 
 
+def test_the_settings_tolerance_divides_inside_from_outside_where_there_is_one():
+    scenes.creased_sheet()
+    made = scenes.approximate()
+    settings = bpy.context.scene.sparse_surface
+    settings.display.tolerance, settings.tolerance = 0.25, 0.125
+    assert shown_range()[2] == 0.0
+    settings.display.inside_outside = True
+    assert shown_range()[2] == 0.125
+    settings.tolerance = 0.0
+    settings.display.tolerance = 0.0625
+    assert shown_range()[2] == 0.0625
+    outside = scenes.values(made.data, "error") > 0.0625
+    two = np.where(outside[:, None], colour_ramp.OUTSIDE, colour_ramp.INSIDE)
+    assert np.allclose(scenes.values(made.data, "error_color", "color", 4)[:, :3], srgb_to_linear(two), atol=1e-6)
+
+
 def test_any_two_meshes_can_be_compared():
     one = scenes.creased_sheet(12)
     other = one.copy()
