@@ -94,7 +94,7 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     import bpy
 
     from ..operators.files.meshes import write_meshes
-    from ..operators.resample import resample_object
+    from ..operators.representation.resampled import resample_object
 
     fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
     write_meshes(path, fine or [each.result for each in made])

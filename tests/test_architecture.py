@@ -27,7 +27,8 @@ Sources = dict[str, str]
 """Text of each file by its path in the checkout."""
 
 FLOORS = (
-    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.progress solver.version",
+    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.version",
+    "solver.progress",
     "solver.settings solver.mesh solver.processes",
     "solver.patches solver.denoising",
     "solver.fitting",
@@ -38,13 +39,12 @@ FLOORS = (
     "solver",
     "operators.data",
     "operators.files operators.heat_map",
-    "operators.preview",
+    "operators.preview operators.representation",
     "operators.run",
     "operators.*",
     "operators",
     "command_line",
     "ui",
-    "registration",
     "__init__ __main__",
 )
 """Folders and modules from the ground up; each may import from those below it and from itself."""
