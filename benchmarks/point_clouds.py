@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..solver import Reconstruction, reconstruct
 from ..solver.mesh.closest_points import closest_points
 from ..solver.mesh.sampling import triangle_grid
-from ..solver.reconstruction.reconstruct import Reconstruction, reconstruct
 from ..solver.settings import Settings
 from .cases import unit_seconds
 from .generated_clouds import Cloud, airplane, ball, box, head, l_solid
@@ -62,7 +62,7 @@ class MeasuredCloud:
     surface
         Distance of the surface, sampled evenly by area, from the true one: rms and largest.
     edges
-        Mean distance of the true edges from the surface; None where there are none.
+        Mean distance of the true edges from the surface; None if the surface has no edges.
     fit
         Distance of the points from the surface: rms and largest.
     """

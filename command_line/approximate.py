@@ -9,8 +9,9 @@ import bpy
 
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
-from ..operators.domains_to_uv import write_domain_maps
+from ..operators.data.results import create_result
 from ..operators.files.meshes import named, read_meshes
+from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.job import approximate_arrays
 from ..solver.progress import run_to_end
 from .outputs import Made, write_outputs
@@ -25,7 +26,7 @@ def run(options: argparse.Namespace) -> None:
         with progress_display(source.name) as show:
             outcome = run_to_end(approximate_arrays(read.arrays, options.settings), show)
         scale = ColourScale(0.0, float(outcome.error.max(initial=0.0)))
-        result = mesh_data.create_result(bpy.context, read, outcome, scale)
+        result = create_result(bpy.context, read, outcome, scale)
         if options.domain_maps:
             write_domain_maps(result)
         made.append(Made(options.input, source, result, outcome.report, outcome.representation, options.resample))

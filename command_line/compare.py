@@ -6,10 +6,10 @@ import argparse
 
 import bpy
 
-from ..operators.compare_methods import make_pair
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
 from ..operators.files.meshes import named, read_meshes, write_meshes
+from ..operators.heat_map.pairs import make_pair
 from ..solver.errors import InputError
 from ..solver.job import approximate_arrays
 from ..solver.progress import run_to_end

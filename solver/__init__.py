@@ -16,22 +16,26 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .approximation.approximate import approximate, approximate_steps
+    from .approximation.report import Report
     from .approximation.result import Approximation
     from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
-    from .reconstruction.reconstruct import Reconstruction, reconstruct, reconstruct_steps
+    from .reconstruction.reconstruct import reconstruct, reconstruct_steps
+    from .reconstruction.result import Reconstruction
     from .settings import PRESETS, CloudSettings, Settings
     from .surface.representation import Representation, load, save
     from .surface.resampling import resample, resample_steps
 
 _NAMES = {
     "approximation.approximate": ("approximate", "approximate_steps"),
+    "approximation.report": ("Report",),
     "approximation.result": ("Approximation",),
     "denoising.denoise": ("denoise", "denoise_steps"),
     "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
     "progress": ("FINISH", "Progress", "run_to_end"),
-    "reconstruction.reconstruct": ("Reconstruction", "reconstruct", "reconstruct_steps"),
+    "reconstruction.reconstruct": ("reconstruct", "reconstruct_steps"),
+    "reconstruction.result": ("Reconstruction",),
     "settings": ("PRESETS", "CloudSettings", "Settings"),
     "surface.representation": ("Representation", "load", "save"),
     "surface.resampling": ("resample", "resample_steps"),
@@ -48,6 +52,7 @@ __all__ = [
     "InputError",
     "Progress",
     "Reconstruction",
+    "Report",
     "Representation",
     "Settings",
     "SettingsError",

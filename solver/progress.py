@@ -7,11 +7,11 @@ operator, a worker process) decides how to show the progress; closing the genera
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
-from typing import TypeVar
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from .arrays import Array
 
 Result = TypeVar("Result")
 
@@ -38,10 +38,10 @@ class Progress:
     stage: str
     fraction: float
     detail: str = ""
-    surface: Callable[[], NDArray[np.float64]] | None = None
+    surface: Callable[[], Array] | None = None
 
     @property
-    def vertices(self) -> NDArray[np.float64] | None:
+    def vertices(self) -> Array | None:
         """The current surface, (V, 3) in scene units, or None; computed on access."""
         return None if self.surface is None else self.surface()
 
@@ -79,15 +79,28 @@ def run_to_end(steps: Steps[Result], report: Callable[[Progress], str | None] | 
         steps.close()
 
 
-def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
-    """Map the fractions of a sub-computation to [start, end] of the whole; requests pass through."""
+def relayed(
+    steps: Steps[Result],
+    shown: Callable[[Progress], Progress] = lambda step: step,
+    around: Callable[[], AbstractContextManager[Any]] = nullcontext,
+) -> Steps[Result]:
+    """Yield the `shown` form of each `Progress` of a sub-computation, each step run in the context that `around` makes.
+
+    Requests pass through.
+    """
     request: str | None = None
     try:
         while True:
             try:
-                step = steps.send(request)
-            except StopIteration as stop:
-                return stop.value
-            request = yield Progress(step.stage, start + (end - start) * step.fraction, step.detail, step.surface)
+                with around():
+                    step = steps.send(request)
+            except StopIteration as end:
+                return end.value
+            request = yield shown(step)
     finally:
         steps.close()
+
+
+def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
+    """Map the fractions of a sub-computation to [start, end] of the whole; requests pass through."""
+    return relayed(steps, lambda step: replace(step, fraction=start + (end - start) * step.fraction))

@@ -27,8 +27,9 @@ Sources = dict[str, str]
 """Text of each file by its path in the checkout."""
 
 FLOORS = (
-    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.progress solver.version",
-    "solver.settings solver.mesh solver.processes solver.threads",
+    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.version",
+    "solver.progress",
+    "solver.settings solver.mesh solver.processes",
     "solver.patches solver.denoising",
     "solver.fitting",
     "solver.surface",
@@ -38,13 +39,12 @@ FLOORS = (
     "solver",
     "operators.data",
     "operators.files operators.heat_map",
-    "operators.preview",
+    "operators.preview operators.representation",
     "operators.run",
     "operators.*",
     "operators",
     "command_line",
     "ui",
-    "registration",
     "__init__ __main__",
 )
 """Folders and modules from the ground up; each may import from those below it and from itself."""
@@ -300,10 +300,9 @@ def test_what_is_allowed_breaks_no_rule() -> None:
     assert [said for rule, _ in RULES for said in rule(sources)] == []
 
 
-@pytest.mark.xfail(reason="the page is being rewritten", strict=False)
 def test_every_module_stands_in_the_architecture() -> None:
     page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    assert undocumented_modules(product(), page) == []
+    assert sorted(set(undocumented_modules(product(), page)) - KNOWN) == []
 
 
 def test_a_module_that_the_page_leaves_out_is_seen() -> None:
@@ -318,8 +317,8 @@ def test_public_names_are_those_of_the_list() -> None:
     ]
 
 
-def test_every_layer_is_there() -> None:
-    assert {path.partition("/")[0] for path in product()} >= set(LAYERS)
+def test_every_place_of_the_floors_is_there() -> None:
+    assert {place(module_of(path)) for path in product()} == {name for names in FLOORS for name in names.split()}
 
 
 IMPORT_EVERYTHING = """

@@ -24,7 +24,7 @@ def read_points(path: Path, name: str | None = None) -> Object:
     Raises
     ------
     InputError
-        When the file is not there, holds no points, or has no object of that name.
+        When the file is missing, holds no points, or has no object of that name.
     FileFormatError
         When it cannot be read.
     """
@@ -44,7 +44,7 @@ def read_base(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArr
     Raises
     ------
     InputError
-        When the file is not there or holds no mesh.
+        When the file is missing or holds no mesh.
     FileFormatError
         When it cannot be read.
     """

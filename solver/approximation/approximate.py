@@ -1,77 +1,38 @@
-"""From a mesh to its sparse surface: the stages in order."""
+"""From a mesh to its sparse surface: the steps of the paper, in order."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task
-from ..fitting.solution import summed_histories
+from ..arrays import Array, Indices
+from ..fitting.chunks import PatchFit
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
-from ..patches.blending import blending_weights
-from ..patches.cover import build_cover
 from ..patches.observations import MeshObservations, checked_weights
-from ..patches.patches import build_patches
+from ..patches.patches import Patches
 from ..patches.splitting import with_domains
-from ..progress import FINISH, Progress, Steps, run_to_end, within
+from ..progress import Progress, Steps, run_to_end, within
 from ..settings import Settings
 from ..surface.creases import crease_edges
-from ..surface.metrics import (
-    domain_jacobians,
-    domain_stretch,
-    flipped_triangles,
-    normal_error,
-    seam,
-    statistics,
-    surface_error,
-)
+from ..surface.metrics import domain_jacobians, domain_stretch, flipped_triangles, strongest_patch
 from ..surface.representation import Representation
-from ..version import VERSION
-from .denoised import denoise_first
-from .oscillation import overshooting
+from .denoised import MeshInput, remove_noise
+from .measuring import Deviation, measure, measured_iterations
+from .oscillation import MeshSurface, oscillating_on_mesh
+from .patched_surface import PatchedSurface, cover
 from .preview import Preview
+from .report import Stopwatch
 from .result import Approximation
-from .runner import Crew, crew_for
-from .sweeps import Blend, sweep
-from .tolerance import RefinedSurface, keep_tolerance
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from .runner import ChunkRunner, chunk_runner
+from .tolerance import ToleranceKept, keep_tolerance
 
 SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 """Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""
-
-
-STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
-"""The stages whose seconds stand in the report."""
-
-
-class Stopwatch:
-    """Seconds spent in each named stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._start = time.perf_counter()
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the block to the stage `name`."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-
-    def total(self) -> float:
-        """Seconds since the start."""
-        return time.perf_counter() - self._start
 
 
 def approximate(
@@ -138,65 +99,50 @@ def approximate_steps(
     executor: Executor | None = None,
 ) -> Steps[Approximation]:
     """`approximate` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
-    settings = (settings or Settings()).resolved()
-    source = np.asarray(vertices)
-    with crew_for(settings.workers, len(source) if source.ndim else 0, executor) as crew:
+    settings, watch = (settings or Settings()).resolved(), Stopwatch()
+    given = MeshInput(np.asarray(vertices), faces, triangles, weights)
+    vertex_count = len(given.positions) if given.positions.ndim else 0
+    with chunk_runner(settings.workers, vertex_count, executor) as runner:
         if settings.denoise == "off":
-            return (yield from _approximate(source, faces, settings, triangles, weights, crew))
+            return (yield from _approximate(given, settings, runner, watch))
+        start = 0.9 if settings.denoise == "only" else 0.4
+        with watch.stage("denoise"):
+            given = yield from within(remove_noise(given, settings), 0.0, start)
+        return (yield from within(_approximate(given, settings, runner, watch), start, 1.0))
 
-        def fit(positions: NDArray[Any], held: Array | None) -> Steps[Approximation]:
-            return _approximate(positions, faces, settings, triangles, held, crew)
 
-        return (yield from denoise_first(source, faces, settings, triangles, weights, fit))
-
-
-def _approximate(
-    source: NDArray[Any],
-    faces: ArrayLike | list[list[int]],
-    settings: Settings,
-    triangles: tuple[Indices, Indices] | None,
-    observation_weights: Array | None,
-    crew: Crew,
-) -> Steps[Approximation]:
-    watch = Stopwatch()
-    stored = source.dtype if source.dtype.kind == "f" else np.dtype(np.float64)
+def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watch: Stopwatch) -> Steps[Approximation]:
+    stored = given.positions.dtype if given.positions.dtype.kind == "f" else np.dtype(np.float64)
+    inside = settings.observations == "centroids"
     yield Progress("Reading the mesh", 0.0)
     with watch.stage("cover"):
-        mesh = build_mesh(source, faces, triangles)
-        mesh, observation_weights = _held_vertices(mesh, observation_weights, settings.pin_boundary)
-        patches = build_patches(mesh, build_cover(mesh, settings.ring), settings.ring)
+        mesh = build_mesh(given.positions, given.faces, given.triangles)
+        mesh, weights = _held_vertices(mesh, given.weights, settings.pin_boundary)
+        patches = cover(mesh, settings.ring)
     yield Progress("Parameterising patches", 0.02, f"{len(patches)} patches")
     with watch.stage("domains"):
-        patches, domains = with_domains(mesh, patches, settings)
-        blend = blending_weights(mesh, patches, settings.blending)
-    inside = settings.observations == "centroids"
-    observations = MeshObservations(mesh, patches, blend, settings.blending, observation_weights, inside)
-    surface = Blend(observations)
-    preview = Preview(mesh.vertices, patches, domains, blend)
+        surface = _covered(mesh, patches, settings, weights, runner)
     with watch.stage("solve"):
-        fits, hurry = yield from solve_patches(surface, domains, settings, crew, preview)
-    iterations = iteration_measures(fits)
-    if inside and not hurry:
-        with watch.stage("solve"):
-            observations = yield from steady_patches(mesh, observations, domains, fits, settings, crew)
+        end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
+        hurry = yield from within(surface.fit(), SOLVE_STARTS, end)
+        iterations = measured_iterations(surface.fits)
+        if inside and not hurry:
+            yield from _without_oscillation(surface, end)
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
-            surface = blend_of(observations, fits) if observations is not surface.observations else surface
-            yield from sweep_patches(surface, domains, fits, settings, crew, preview)
+            yield from _swept(surface)
             if inside:
-                yield from steady_patches(mesh, observations, domains, fits, settings, crew)
-    refined = RefinedSurface(mesh, patches, blend, fits)
-    kept: dict[str, Any] | None = None
+                yield from _without_oscillation(surface, SWEEPS_END)
+    kept = None
     if settings.tolerance and settings.blending == "partition":
         with watch.stage("refine"):
-            rounds = keep_tolerance(refined, settings, observation_weights, crew.run)
-            kept = yield from within(rounds, SWEEPS_END, 0.97)
-    representation = refined.representation(settings)
+            kept = yield from within(keep_tolerance(surface), SWEEPS_END, 0.97)
+    representation = surface.representation()
     yield Progress("Blending", 0.97)
     with watch.stage("blend"):
         points = representation.at_vertices()
     yield Progress("Measuring", 0.98, surface=points.copy)
-    return _result(mesh, representation, points.astype(stored), iterations, refined.fits, settings, kept, crew, watch)
+    return _result(given, surface, points.astype(stored), representation, iterations, kept, watch)
 
 
 def _held_vertices(
@@ -210,152 +156,82 @@ def _held_vertices(
     return replace(mesh, passed_through=mesh.passed_through | held), checked
 
 
-def solve_patches(
-    surface: Blend, domains: Array, settings: Settings, crew: Crew, preview: Preview | None = None
-) -> Steps[tuple[list[PatchFit], bool]]:
-    """Fit every patch by itself; returns the fits and whether the rest was hurried on request."""
-    count = len(surface.patches)
-    fits: list[PatchFit | None] = [None] * count
-    end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
-    hurried = replace(settings, iterations=0)
-    state = {"hurry": False}
+def _covered(
+    mesh: TriangleMesh, patches: Patches, settings: Settings, weights: Array | None, runner: ChunkRunner
+) -> MeshSurface:
+    """Map the patches to the plane, and observe the mesh's vertices and the points inside its triangles."""
+    inside = settings.observations == "centroids"
 
-    def tasks() -> Iterator[ChunkTask]:
-        for chunk in chunk_patches(surface.observations, np.arange(count), settings.channels):
-            yield chunk_task(surface.observations, domains, hurried if state["hurry"] else settings, chunk)
+    def observe(patches: Patches, blending: Array) -> MeshObservations:
+        return MeshObservations(mesh, patches, blending, settings.blending, weights, inside)
 
-    shown = preview.of(surface, fits) if preview is not None else None
-    yield Progress("Solving patches", SOLVE_STARTS, f"0 of {count} patches", shown)
-    done = 0
-    for task, fitted in crew.run(tasks()):
-        for patch, fit in zip(task.patches, fitted, strict=True):
-            fits[patch] = fit
-            surface.add(int(patch), fit)
-        done += len(fitted)
-        share = SOLVE_STARTS + (end - SOLVE_STARTS) * done / count
-        request = yield Progress("Solving patches", share, f"{done} of {count} patches", shown)
-        state["hurry"] = state["hurry"] or request == FINISH
-    return [fit for fit in fits if fit is not None], state["hurry"]
-
-
-def steady_patches(
-    mesh: TriangleMesh,
-    observations: MeshObservations,
-    domains: Array,
-    fits: list[PatchFit],
-    settings: Settings,
-    crew: Crew,
-) -> Steps[MeshObservations]:
-    """Fit patches that swing between their observations anew to more of them; changes `fits`.
-
-    Returns the observations with those that were added.
-    """
-    swinging = overshooting(mesh, observations, fits, settings)
-    if not swinging.any():
-        return observations
-    denser = observations.with_dense(swinging)
-    chunks = chunk_patches(denser, np.flatnonzero(swinging), settings.channels)
-    for task, fitted in crew.run(chunk_task(denser, domains, settings, chunk) for chunk in chunks):
-        for patch, fit in zip(task.patches, fitted, strict=True):
-            fits[patch] = fit
-        yield Progress("Solving patches", SOLVE_ENDS, "patches that swing between their observations")
-    return denser
-
-
-def blend_of(observations: MeshObservations, fits: list[PatchFit]) -> Blend:
-    """Return the surface of all patches at these observations."""
-    surface = Blend(observations)
-    for patch, fit in enumerate(fits):
-        surface.add(patch, fit)
+    surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings), observe, settings, runner)
+    surface.preview = Preview(mesh.vertices, surface.patches, surface.domains, surface.blending)
     return surface
 
 
-def sweep_patches(
-    surface: Blend, domains: Array, fits: list[PatchFit], settings: Settings, crew: Crew, preview: Preview | None = None
-) -> Steps[None]:
-    """Make the patches consistent; changes `fits`."""
-    shown = preview.of(surface, fits) if preview is not None else None
-    total = settings.sweeps * len(fits)
-    done = 0
-    for number in range(settings.sweeps):
-        for count in sweep(surface, domains, fits, settings, crew.run):
-            done += count
-            share = SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * done / total
-            request = yield Progress("Blending patches", share, f"sweep {number + 1}", shown)
-            if request == FINISH:
-                return
+def _without_oscillation(surface: MeshSurface, fraction: float) -> Steps[None]:
+    for _ in surface.refit_oscillating(oscillating_on_mesh):
+        yield Progress("Solving patches", fraction, "patches that oscillate between their observations")
+
+
+def _swept(surface: MeshSurface) -> Steps[None]:
+    """Make the patches consistent."""
+    for number in range(surface.settings.sweeps):
+        start, end = (
+            SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * n / surface.settings.sweeps for n in (number, number + 1)
+        )
+        if (yield from within(surface.sweep("Blending patches", f"sweep {number + 1}"), start, end)):
+            return
 
 
 def _result(
-    mesh: TriangleMesh,
-    representation: Representation,
+    given: MeshInput,
+    surface: MeshSurface,
     points: NDArray[Any],
-    iterations: dict[str, Any],
-    fits: list[PatchFit],
-    settings: Settings,
-    kept: dict[str, Any] | None,
-    crew: Crew,
+    representation: Representation,
+    iterations: dict[str, list[float]],
+    kept: ToleranceKept | None,
     watch: Stopwatch,
 ) -> Approximation:
+    """Measure a finished surface, with its `points` at the vertices (V, 3), against the input."""
+    mesh = surface.mesh
     with watch.stage("measure"):
-        error = np.linalg.norm(points.astype(np.float64) - mesh.vertices, axis=1)
         jacobians, area = domain_jacobians(representation)
-        on_surface = surface_error(representation)
-        size = float(np.ptp(mesh.vertices[np.unique(mesh.triangles)], axis=0).max())
-        vertex_error, inside = statistics(error), statistics(on_surface.ravel())
-        covered = np.bincount(representation.patch_vertices, weights=representation.weights, minlength=len(error)) > 0.0
-        measures = {
-            "patches": representation.patches,
-            "flipped_triangles": flipped_triangles(jacobians, area),
-            "passed_through_vertices": int((~covered).sum()),
-            "vertex_error": vertex_error,
-            "surface_error": inside,
-            "relative": {
-                "vertex_rms": vertex_error["rms"] / size,
-                "vertex_max": vertex_error["max"] / size,
-                "surface_rms": inside["rms"] / size,
-                "surface_max": inside["max"] / size,
-            },
-            "seam_max": seam(representation),
-            "representation_bytes": len(representation.stored),
-            "normal_error_degrees": normal_error(mesh.vertices, points.astype(np.float64), mesh.triangles),
-            **iterations,
-        }
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
-    seconds = {stage: watch.seconds.get(stage, 0.0) for stage in STAGES}
-    report = {
-        "version": VERSION,
-        "method": settings.method,
-        "settings": settings.as_dict(),
-        "input": {
-            "vertices": len(mesh.vertices),
-            "faces": mesh.polygon_count,
-            "triangles": len(mesh.triangles),
-            "components": mesh.component_count,
-            "bounding_box_longest_side": size,
-        },
-        **measures,
-        **({} if kept is None else {"tolerance": {**kept, "achieved": max(vertex_error["max"], inside["max"])}}),
-        "seconds": {**seconds, "total": watch.total()},
-        "peak_memory_mb": crew.peak_memory_mb(),
-        "workers": crew.workers,
-    }
-    history = _history(representation, fits)
-    creases = crease_edges(representation, mesh) if settings.mark_creases else None
-    strongest = strongest_patch(representation)
-    return Approximation(points, error, strongest, stretch, report, representation, history, creases)
+        deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices)
+        if given.source is not None:
+            deviation = Deviation.from_mesh(representation, points, given.source)
+    error, achieved = deviation.at_points, max(fitted.at_points.max(initial=0.0), fitted.between.max(initial=0.0))
+    report = measure(
+        surface,
+        representation,
+        deviation,
+        watch,
+        flipped_triangles=flipped_triangles(jacobians, area),
+        passed_through_vertices=_passed_through(representation, error, given),
+        iterations=iterations,
+        tolerance=None if kept is None else kept.as_dict(float(achieved)),
+        denoise=given.denoising(fitted),
+    )
+    return Approximation(
+        points,
+        error,
+        strongest_patch(representation),
+        stretch,
+        report,
+        representation,
+        _history(representation, surface.fits),
+        crease_edges(representation, mesh) if surface.settings.mark_creases else None,
+    )
 
 
-def iteration_measures(fits: list[PatchFit]) -> dict[str, Any]:
-    """What is known of each iteration of the patches by themselves, before sweeps and blending.
-
-    The energy is in the patches' own scales; `patch_rms` is the root mean square distance from the data, scene units.
-    """
-    energy = summed_histories([fit.energy for fit in fits])
-    squares = summed_histories([fit.squared_error for fit in fits])
-    observations = max(sum(len(fit.values) for fit in fits), 1)
-    patch_rms = np.sqrt(squares / observations)
-    return {"energy": energy.tolist(), "iterations": {"energy": energy.tolist(), "patch_rms": patch_rms.tolist()}}
+def _passed_through(representation: Representation, error: Array, given: MeshInput) -> int:
+    """Number of vertices without a patch; where only noise was removed, of those that did not move."""
+    if given.denoised is not None and not representation.patches:
+        return int((error == 0.0).sum())
+    weight = np.bincount(representation.patch_vertices, weights=representation.weights, minlength=len(error))
+    return int((weight <= 0.0).sum())
 
 
 def _history(representation: Representation, fits: list[PatchFit]) -> Array | None:
@@ -363,19 +239,8 @@ def _history(representation: Representation, fits: list[PatchFit]) -> Array | No
     histories = [fit.history for fit in fits if fit.history is not None]
     if not histories or len(histories) < len(fits):
         return None
-    count = max(len(history) for history in histories)
     surfaces = []
-    for number in range(count):
+    for number in range(max(len(history) for history in histories)):
         values = np.concatenate([history[min(number, len(history) - 1)] for history in histories])
         surfaces.append(representation.blend_at_vertices(values))
     return np.stack(surfaces)
-
-
-def strongest_patch(representation: Representation) -> NDArray[np.int32]:
-    """Patch with the largest blending weight at every vertex, the first one of equals; -1 where none has weight."""
-    strongest = np.full(len(representation.vertices), -1, dtype=np.int32)
-    patch = np.repeat(np.arange(representation.patches), np.diff(representation.vertex_offsets))
-    order = np.lexsort((-patch, representation.weights))
-    order = order[representation.weights[order] > 0.0]
-    strongest[representation.patch_vertices[order]] = patch[order]
-    return strongest

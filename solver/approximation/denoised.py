@@ -1,73 +1,87 @@
-"""Denoising as a part of `approximate`: noise is taken off first, and the result is fitted only on request.
+"""Denoising as a part of `approximate`: noise is removed first, and the result is fitted only on request.
 
-On a mesh without its noise there is little left to be gained by a sparse fit: what a few functions cannot follow
-counts for more than what noise remains.  So the denoised mesh is the result, as a representation without patches,
-unless a fit is asked for.
+Once a mesh has lost its noise, a sparse fit gains little: what a few functions cannot follow outweighs the noise that
+remains.  So the denoised mesh is the result, as a representation without patches, unless a fit is asked for.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Indices
 from ..denoising.denoise import Denoised, denoise_steps
 from ..patches.observations import checked_weights
-from ..progress import FINISH, Progress, Steps, within
+from ..progress import FINISH, Steps
 from ..settings import Settings
-from ..surface.metrics import normal_error, statistics, surface_error
-
-if TYPE_CHECKING:
-    from .result import Approximation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-Fit = Callable[[NDArray[Any], "Array | None"], "Steps[Approximation]"]
-"""What approximates positions (V, 3) with observation weights (V,)."""
+from ..surface.metrics import statistics
+from .measuring import Deviation
 
 
-def denoise_first(
-    source: NDArray[Any],
-    faces: Any,
-    settings: Settings,
-    triangles: tuple[Indices, Indices] | None,
-    weights: Array | None,
-    fit: Fit,
-) -> Steps[Approximation]:
-    """Take the noise off, fit what is left where `settings.denoise` asks for it, and measure against the input.
+@dataclass(frozen=True)
+class MeshInput:
+    """A mesh to approximate.
 
-    Sent `FINISH` while noise is taken off, it does not fit.
-
-    Parameters
+    Attributes
     ----------
-    source, faces, settings, triangles, weights
-        As of `approximate_steps`.  Vertices of weight 0 stay where they are.
-    fit
-        Does the work of `approximate_steps` without denoising.
+    positions
+        Vertices, (V, 3), scene units; without their noise where that was removed.
+    faces, triangles, weights
+        As `approximate` takes them.
+    denoised
+        What was done to the noise; None where nothing was.
+    source
+        The vertices as they were given, (V, 3), where noise was removed.
     """
-    start = time.perf_counter()
-    weights = checked_weights(weights, len(source))
-    held = None if weights is None else weights == 0.0
-    end = 0.9 if settings.denoise == "only" else 0.4
+
+    positions: NDArray[Any]
+    faces: ArrayLike | Sequence[Sequence[int]]
+    triangles: tuple[Indices, Indices] | None = None
+    weights: Array | None = None
+    denoised: Denoised | None = None
+    source: Array | None = None
+
+    def denoising(self, fitted: Deviation) -> dict[str, Any] | None:
+        """Return `Report.denoise`, with how far the surface is from the mesh without noise that it was fitted to."""
+        if self.denoised is None:
+            return None
+        fit = fitted.measures()
+        del fit["relative"]
+        return {
+            "noise_level": self.denoised.noise_level,
+            "estimated_noise_level": self.denoised.estimated_noise_level,
+            "relative_noise": self.denoised.relative_noise,
+            "displacement": statistics(self.denoised.displacement),
+            "fit": fit,
+        }
+
+
+def remove_noise(given: MeshInput, settings: Settings) -> Steps[MeshInput]:
+    """Remove the noise; vertices of weight 0 stay where they are.
+
+    Nothing of the result is to be fitted, its weights are zero, where `settings.denoise` is "only", and where `FINISH`
+    was sent.
+    """
+    weights = checked_weights(given.weights, len(given.positions))
     steps = denoise_steps(
-        source,
-        faces,
+        given.positions,
+        given.faces,
         noise_level=settings.noise_level or None,
         strength=settings.denoise_strength,
-        triangles=triangles,
+        triangles=given.triangles,
     )
-    denoised, hurried = yield from _heard(within(steps, 0.0, end))
-    seconds = time.perf_counter() - start
-    positions = denoised.vertices if held is None else np.where(held[:, None], source, denoised.vertices)
-    if settings.denoise == "only" or hurried:
+    denoised, hurry = yield from _heard(steps)
+    positions = denoised.vertices
+    if weights is not None:
+        positions = np.where((weights == 0.0)[:, None], given.positions, positions)
+    if settings.denoise == "only" or hurry:
         weights = np.zeros(len(positions))
-    result = yield from within(fit(positions, weights), end, 1.0)
-    return _against_input(result, np.asarray(source, dtype=np.float64), denoised, seconds)
+    source = np.asarray(given.positions, dtype=np.float64)
+    return replace(given, positions=positions, weights=weights, denoised=denoised, source=source)
 
 
 def _heard(steps: Steps[Denoised]) -> Steps[tuple[Denoised, bool]]:
@@ -77,47 +91,10 @@ def _heard(steps: Steps[Denoised]) -> Steps[tuple[Denoised, bool]]:
     try:
         while True:
             try:
-                step: Progress = steps.send(request)
+                step = steps.send(request)
             except StopIteration as end:
                 return end.value, finish
             request = yield step
             finish = finish or request == FINISH
     finally:
         steps.close()
-
-
-def _against_input(result: Approximation, source: Array, denoised: Denoised, seconds: float) -> Approximation:
-    """Replace what was measured against the denoised mesh by what is measured against the input."""
-    surface, points = result.representation, result.vertices.astype(np.float64)
-    error = np.linalg.norm(points - source, axis=1)
-    at_vertices, inside = statistics(error), statistics(surface_error(surface, vertices=source).ravel())
-    size = float(np.ptp(source[np.unique(surface.triangles)], axis=0).max())
-    fit = {name: result.report[name] for name in ("vertex_error", "surface_error", "normal_error_degrees")}
-    report = {
-        **result.report,
-        "input": {**result.report["input"], "bounding_box_longest_side": size},
-        "vertex_error": at_vertices,
-        "surface_error": inside,
-        "relative": {
-            "vertex_rms": at_vertices["rms"] / size,
-            "vertex_max": at_vertices["max"] / size,
-            "surface_rms": inside["rms"] / size,
-            "surface_max": inside["max"] / size,
-        },
-        "normal_error_degrees": normal_error(source, points, surface.triangles),
-        "denoise": {
-            "noise_level": denoised.noise_level,
-            "estimated_noise_level": denoised.estimated_noise_level,
-            "relative_noise": denoised.relative_noise,
-            "displacement": statistics(denoised.displacement),
-            "fit": fit,
-        },
-        "seconds": {
-            **result.report["seconds"],
-            "denoise": seconds,
-            "total": result.report["seconds"]["total"] + seconds,
-        },
-    }
-    if not surface.patches:
-        report["passed_through_vertices"] = int((error == 0.0).sum())
-    return replace(result, error=error, report=report)

@@ -1,37 +1,30 @@
 """The surface while it is being solved: patches that are not fitted yet are shown as quadrics.
 
 A quadric is the least-squares fit of the six polynomials up to degree two over the patch's initial domain.  It rounds
-off every crease, costs next to nothing, and is replaced by the patch itself as soon as that is there.
+every crease off, costs next to nothing, and gives way to the patch itself as soon as that is fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import runs_of_rows
+from ..arrays import Array, runs_of_rows
 from ..mesh.quadrics import quadric_terms
-
-if TYPE_CHECKING:
-    from ..fitting.chunks import PatchFit
-    from ..patches.patches import Patches
-    from .sweeps import Blend
-
-Array = NDArray[np.float64]
+from ..patches.patches import Patches
 
 RIDGE = 1e-9
 """Added to the diagonal of the normal equations, relative to its mean: a patch may have fewer than six vertices."""
 
 ENTRIES_AT_ONCE = 500_000
-"""Vertices of patches that are worked on together, for little memory."""
+"""Vertices of patches that are worked on together, to limit memory."""
 
 
 class Preview:
-    """The blend of the patches at the vertices, whichever of them are there; made when somebody looks."""
+    """The blend of the patches at the vertices, fitted or not; computed only when a preview is asked for."""
 
     def __init__(self, vertices: Array, patches: Patches, domains: Array, blending: Array) -> None:
         """Remember what is covered.
@@ -49,24 +42,21 @@ class Preview:
         """
         self._vertices, self._patches, self._domains, self._blending = vertices, patches, domains, blending
 
-    def of(self, blend: Blend, fits: Sequence[PatchFit | None]) -> Callable[[], Array]:
-        """Return what makes the surface at the vertices, (V, 3), with quadrics for the patches without a fit.
+    def surface(self, blended: Array, fitted: Sequence[bool]) -> Array:
+        """Return the surface at the vertices, (V, 3), with quadrics for the patches without a fit.
 
         Parameters
         ----------
-        blend
-            The surface of the patches with a fit, whose first observations are the vertices.
-        fits
-            What each patch has, (K,).
+        blended
+            The blend of the fitted patches at the observations, which begin with the vertices, (O, 3): the data where
+            patches are missing.
+        fitted
+            Which patches are fitted, (K,).
         """
-
-        def surface() -> Array:
-            fitted = np.array([fit is not None for fit in fits], dtype=bool)
-            there = np.where(fitted[self._patches.vertex_patch], self._blending, 0.0)
-            share = np.bincount(self._patches.vertices, weights=there, minlength=len(self._vertices))
-            return blend.at_first(len(self._vertices)) + (1.0 - share)[:, None] * self._offsets
-
-        return surface
+        own = np.asarray(fitted, dtype=bool)[self._patches.vertex_patch]
+        there = np.where(own, self._blending, 0.0)
+        share = np.bincount(self._patches.vertices, weights=there, minlength=len(self._vertices))
+        return blended[: len(self._vertices)] + (1.0 - share)[:, None] * self._offsets
 
     @cached_property
     def _offsets(self) -> Array:
@@ -96,7 +86,7 @@ def quadrics(domains: Array, points: Array, offsets: NDArray[np.int64]) -> Array
     starts, sizes = offsets[:-1], np.diff(offsets)
     patch = np.repeat(np.arange(len(sizes)), sizes)
     u, v = _normalised(domains, starts, sizes).T
-    basis = quadric_terms(u, v, axis=1)
+    basis = quadric_terms(u, v, 1)
     functions = basis.shape[1]
     gram = np.empty((len(sizes), functions, functions))
     right = np.empty((len(sizes), functions, 3))

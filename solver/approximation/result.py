@@ -1,12 +1,16 @@
-"""The result of an approximation; this module does not load SciPy, which who only shows a result need not have."""
+"""The result of an approximation; who only shows it need not load SciPy, so this module does not."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..arrays import Array, Indices
+from .report import Report
 
 if TYPE_CHECKING:
     from ..surface.representation import Representation
@@ -26,8 +30,8 @@ class Approximation:
         Patch with the largest blending weight at each vertex, (V,); -1 where the input passes through.
     domain_stretch
         Anisotropy of the domain transformation on each input face, (F,).
-    report
-        Measures, counts and times; plain values only.
+    measures
+        Measures, counts and times.
     representation
         What evaluates the surface anywhere.
     history
@@ -38,10 +42,15 @@ class Approximation:
     """
 
     vertices: NDArray[np.floating[Any]]
-    error: NDArray[np.float64]
+    error: Array
     patch: NDArray[np.int32]
-    domain_stretch: NDArray[np.float64]
-    report: dict[str, Any]
+    domain_stretch: Array
+    measures: Report
     representation: Representation
-    history: NDArray[np.float64] | None = None
-    creases: NDArray[np.int64] | None = None
+    history: Array | None = None
+    creases: Indices | None = None
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The measures as a dictionary of plain values."""
+        return self.measures.as_dict()

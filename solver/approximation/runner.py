@@ -13,18 +13,18 @@ from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
 
 TASKS_AHEAD = 2
-"""Tasks that a worker has in hand or waiting; more would only hold memory."""
+"""Tasks that each worker has running or waiting; more would only take memory."""
 
 UNKNOWN_WORKERS = 16
-"""Workers that a foreign executor is taken to have when the settings do not say."""
+"""Workers that the caller's executor is assumed to have unless the settings say."""
 
 VERTICES_WORTH_A_WORKER = 2000
-"""A smaller share is done before a new process is ready."""
+"""Fewer vertices are fitted before a new process has started."""
 
 
 @dataclass(frozen=True)
-class Crew:
-    """Who fits chunks of patches.
+class ChunkRunner:
+    """What fits chunks of patches.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Crew:
     def run(self, tasks: Iterable[ChunkTask]) -> Iterator[tuple[ChunkTask, list[PatchFit]]]:
         """Fit chunks and yield them with their fits, in the order of the tasks whatever the order of completion.
 
-        Tasks are made as late as possible.  Leaving the iteration early cancels what has not begun.
+        Tasks are made as late as possible.  Leaving the iteration early cancels those that have not started.
         """
         if self.executor is None:
             for task in tasks:
@@ -67,8 +67,8 @@ class Crew:
 
 
 @contextmanager
-def crew_for(workers: int, vertices: int, executor: Executor | None = None) -> Iterator[Crew]:
-    """Provide the crew for a mesh; processes started for it end with the block, at once if it is left early.
+def chunk_runner(workers: int, vertices: int, executor: Executor | None = None) -> Iterator[ChunkRunner]:
+    """Provide the runner for a mesh; processes started for it end with the block, at once if it is left early.
 
     Parameters
     ----------
@@ -77,18 +77,18 @@ def crew_for(workers: int, vertices: int, executor: Executor | None = None) -> I
     vertices
         Number of vertices of the mesh.
     executor
-        The caller's own, which is used as it is and lives on; `workers` then says how many chunks it runs at once.
+        The caller's own, which stays open; `workers` then says how many chunks it runs at once.
     """
     if executor is not None:
-        yield Crew(executor, workers or UNKNOWN_WORKERS)
+        yield ChunkRunner(executor, workers or UNKNOWN_WORKERS)
         return
     count = workers or max(1, min(physical_cores(), vertices // VERTICES_WORTH_A_WORKER))
     if count == 1:
-        yield Crew()
+        yield ChunkRunner()
         return
     own = WorkerExecutor(count, preload="fitting.chunks")
     try:
-        yield Crew(own, count)
+        yield ChunkRunner(own, count)
     finally:
-        # Nothing waits any more when the work is done, so this kills nothing but what was abandoned.
+        # After complete work nothing waits any more; this ends only abandoned tasks.
         own.shutdown(cancel_futures=True)

@@ -2,38 +2,28 @@
 
 Where the surface is too far from the input, a patch of a smaller ring is laid over it.  Finer patches outweigh what
 lies below them and fade out at their rims, so the surface stays continuous and nothing else changes.  Smaller rings
-come first, then more functions; what still lies outside at the end passes through: the surface is then the input
+come first, then more functions.  What still lies outside at the end passes through: the surface is then the input
 itself at these vertices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task
+from ..arrays import Booleans
 from ..mesh.sampling import LATTICE, SURFACE_SAMPLES
-from ..mesh.triangle_mesh import TriangleMesh
-from ..patches.blending import blending_weights
-from ..patches.observations import MeshObservations
-from ..patches.parameterisation import initial_domains
-from ..patches.patches import Patches, overlay_patches
-from ..progress import FINISH, Progress, Steps
-from ..settings import Settings
-from ..surface.assembly import assemble
+from ..progress import FINISH, Progress, Steps, within
 from ..surface.metrics import surface_error
-from ..surface.representation import Representation
-
-Array = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
-Run = Callable[[Iterable[ChunkTask]], Iterator[tuple[ChunkTask, list[PatchFit]]]]
+from .oscillation import MeshSurface
 
 LADDER = ((4, 1), (3, 1), (2, 2), (2, 4), (1, 4))
 """Ring, and sparsity as a multiple of the setting, of one round after the other."""
+
+MOST_FUNCTIONS = 496
+"""Polynomials in the largest dictionary, that of total degree 30."""
 
 MARGIN = 0.97
 """Share of the tolerance that is aimed at, for the places between those that are measured."""
@@ -42,128 +32,79 @@ DENSE_SAMPLES = np.concatenate([SURFACE_SAMPLES, LATTICE])
 """Where the error is compared with the tolerance: also on the edges and at the corners."""
 
 TRIANGLES_AT_ONCE = 50_000
+"""Triangles measured together: more would only take memory."""
 
 HIDDEN = 1e-2
 """A patch that nowhere has more weight than this is dropped."""
 
 
-@dataclass
-class RefinedSurface:
-    """A surface while it is refined.
+@dataclass(frozen=True)
+class ToleranceKept:
+    """What it took to keep a tolerance.
 
     Attributes
     ----------
-    mesh, patches, weights
-        The cover with its blending weights (M,).
-    fits
-        What each patch has.
+    requested
+        The tolerance, scene units.
+    triangles_outside_at_first
+        Triangles with an error above it before the first round.
     rounds
-        What each round took: ring, sparsity, number of patches added.
+        Ring, sparsity and number of patches of each round.
+    vertices_reproduced
+        Vertices at which the surface became the input itself.
     """
 
-    mesh: TriangleMesh
-    patches: Patches
-    weights: Array
-    fits: list[PatchFit]
-    rounds: list[dict[str, int]] = field(default_factory=list)
+    requested: float
+    triangles_outside_at_first: int
+    rounds: list[dict[str, int]]
+    vertices_reproduced: int
 
-    def representation(self, settings: Settings) -> Representation:
-        """What evaluates the surface as it stands."""
-        return assemble(self.mesh, self.patches, self.weights, self.fits, settings)
+    def as_dict(self, achieved: float) -> dict[str, Any]:
+        """Return the fields with the largest error that was achieved, scene units."""
+        return {**asdict(self), "achieved": achieved}
 
 
-def keep_tolerance(
-    surface: RefinedSurface, settings: Settings, observation_weights: Array | None, run: Run
-) -> Steps[dict[str, Any]]:
-    """Refine `surface` until its error is within `settings.tolerance` at every measured point.
+def keep_tolerance(surface: MeshSurface) -> Steps[ToleranceKept]:
+    """Refine a fitted surface until its error is within `settings.tolerance` at every measured point.
 
-    Parameters
-    ----------
-    surface
-        Changed in place.
-    settings
-        Resolved settings with a tolerance, in scene units, and partition-of-unity blending.
-    observation_weights
-        Weights of the vertices, (V,); None for ones.
-    run
-        Fits chunks, in order.
-
-    Returns
-    -------
-    dict
-        What it took, for the report.
+    The tolerance is in scene units; blending must be a partition of unity.  Changes `surface`.
     """
-    outside = _outside(surface, settings, np.ones(len(surface.mesh.triangles), dtype=bool))
+    settings = surface.settings
+    outside = _outside(surface, np.ones(len(surface.mesh.triangles), dtype=bool))
     before = int(outside.sum())
-    finish = False
+    rounds: list[dict[str, int]] = []
     for level, (ring, factor) in enumerate(LADDER, start=1):
-        if not outside.any() or finish:
+        if not outside.any():
             break
         if ring >= settings.ring and factor == 1:
             continue
-        richer = replace(settings, sparsity=min(settings.sparsity * factor, 496))
-        added = yield from _lay_over(surface, outside, ring, level, richer, observation_weights, run)
+        richer = replace(settings, sparsity=min(settings.sparsity * factor, MOST_FUNCTIONS))
+        start, end = (level - 1) / (len(LADDER) + 1), level / (len(LADDER) + 1)
+        added = yield from within(surface.lay_over(outside, ring, level, richer), start, end)
         changed = np.zeros(len(outside), dtype=bool)
         changed[added.mesh_triangles] = True
-        outside = (outside & ~changed) | _outside(surface, settings, changed)
-        surface.rounds.append({"ring": ring, "sparsity": richer.sparsity, "patches": len(added)})
-        request = yield Progress(
-            "Keeping the tolerance", level / (len(LADDER) + 1), f"{int(outside.sum())} triangles left"
-        )
-        finish = request == FINISH
-    reproduced = _pass_through(surface, settings, outside)
+        outside = (outside & ~changed) | _outside(surface, changed)
+        rounds.append({"ring": ring, "sparsity": richer.sparsity, "patches": len(added)})
+        request = yield Progress("Keeping the tolerance", end, f"{int(outside.sum())} triangles left")
+        if request == FINISH:
+            break
+    reproduced = _pass_through(surface, outside)
     _drop_hidden(surface)
-    return {
-        "requested": settings.tolerance,
-        "triangles_outside_at_first": before,
-        "rounds": surface.rounds,
-        "vertices_reproduced": reproduced,
-    }
+    return ToleranceKept(settings.tolerance, before, rounds, reproduced)
 
 
-def _outside(surface: RefinedSurface, settings: Settings, asked: Booleans) -> Booleans:
+def _outside(surface: MeshSurface, asked: Booleans) -> Booleans:
     """Triangles among those asked for whose error somewhere exceeds the tolerance, (T,)."""
     triangles = np.flatnonzero(asked)
-    representation = surface.representation(settings)
+    representation = surface.representation()
     result = np.zeros(len(asked), dtype=bool)
     for part in np.array_split(triangles, 1 + len(triangles) // TRIANGLES_AT_ONCE):
         error = surface_error(representation, part, DENSE_SAMPLES).max(axis=1, initial=0.0)
-        result[part] = error > MARGIN * settings.tolerance
+        result[part] = error > MARGIN * surface.settings.tolerance
     return result
 
 
-def _lay_over(
-    surface: RefinedSurface,
-    outside: Booleans,
-    ring: int,
-    level: int,
-    settings: Settings,
-    observation_weights: Array | None,
-    run: Run,
-) -> Steps[Patches]:
-    """Lay patches of a smaller ring over the triangles outside, and fit them; returns the new ones."""
-    mesh, count = surface.mesh, len(surface.patches)
-    wanted = np.zeros(len(mesh.vertices), dtype=bool)
-    wanted[mesh.triangles[outside]] = True
-    surface.patches = overlay_patches(mesh, surface.patches, wanted, ring, level)
-    surface.weights = blending_weights(mesh, surface.patches, settings.blending)
-    number = np.arange(count, len(surface.patches))
-    new = surface.patches.select(number)
-    own_weights = surface.weights[surface.patches.vertex_offsets[count] :]
-    inside = settings.observations == "centroids"
-    observations = MeshObservations(mesh, new, own_weights, settings.blending, observation_weights, inside)
-    domains = initial_domains(mesh, new, settings.initial_domain)
-    fits: dict[int, PatchFit] = {}
-    chunks = chunk_patches(observations, np.arange(len(new)), settings.channels)
-    for task, fitted in run(chunk_task(observations, domains, settings, chunk) for chunk in chunks):
-        fits.update(zip(map(int, task.patches), fitted, strict=True))
-        share = (level - 1 + len(fits) / len(new)) / (len(LADDER) + 1)
-        yield Progress("Keeping the tolerance", share, f"{len(fits)} of {len(new)} finer patches")
-    surface.fits = surface.fits + [fits[k] for k in range(len(new))]
-    return new
-
-
-def _pass_through(surface: RefinedSurface, settings: Settings, outside: Booleans) -> int:
+def _pass_through(surface: MeshSurface, outside: Booleans) -> int:
     """Let vertices through until nothing is outside; returns how many it took."""
     mesh = surface.mesh
     reproduced = np.zeros(len(mesh.vertices), dtype=bool)
@@ -171,20 +112,15 @@ def _pass_through(surface: RefinedSurface, settings: Settings, outside: Booleans
         vertices = np.zeros(len(mesh.vertices), dtype=bool)
         vertices[mesh.triangles[outside]] = True
         if (vertices <= surface.patches.passed_through).all():
-            break  # it is the input itself: what is left is rounding, which a tolerance may be below
+            break  # the surface is the input already; a tolerance may be smaller than the rounding that is left
         reproduced |= vertices
-        surface.patches = surface.patches.passing(vertices)
-        surface.weights = blending_weights(mesh, surface.patches, settings.blending)
-        outside = _outside(surface, settings, np.asarray(vertices[mesh.triangles].any(axis=1)))
+        surface.pass_through(vertices)
+        outside = _outside(surface, np.asarray(vertices[mesh.triangles].any(axis=1)))
     return int((reproduced & ~mesh.passed_through).sum())
 
 
-def _drop_hidden(surface: RefinedSurface) -> None:
+def _drop_hidden(surface: MeshSurface) -> None:
     """Take away patches that finer ones cover altogether."""
-    patches = surface.patches
-    highest = np.zeros(len(patches))
-    np.maximum.at(highest, patches.vertex_patch, surface.weights)
-    kept = np.flatnonzero(highest > HIDDEN)
-    surface.patches = patches.select(kept)
-    surface.fits = [surface.fits[k] for k in kept]
-    surface.weights = blending_weights(surface.mesh, surface.patches, "partition")
+    highest = np.zeros(len(surface.patches))
+    np.maximum.at(highest, surface.patches.vertex_patch, surface.blending)
+    surface.select(np.flatnonzero(highest > HIDDEN))

@@ -228,7 +228,7 @@ class PatchFitter:
         final = weights(likeness(coefficients), taper * near)
         coefficients, gram, regular = _least_squares(terms, final, heights, ridge)
         variance = _variance(terms, final, regular)
-        coefficients = _shrink_curvature(coefficients, regular, variance * self._noise_level**2)
+        coefficients = shrink_curvature(coefficients, regular, variance * self._noise_level**2)
         residuals = heights - _values(terms, coefficients)
         effective, misfit = _quality(final, residuals / self._noise_level)
         return Fits(
@@ -330,7 +330,7 @@ def _variance(terms: Array, weights: Array, regular: Array) -> Array:
     return variance
 
 
-def _shrink_curvature(coefficients: Array, gram: Array, covariance: Array) -> Array:
+def shrink_curvature(coefficients: Array, gram: Array, covariance: Array) -> Array:
     """Shrink the second-order terms by what noise alone explains of them; refit the others to that."""
     curvature = coefficients[:, 3:]
     explained = np.linalg.solve(covariance[:, 3:, 3:] + 1e-300 * np.eye(3), curvature[..., None])[..., 0]

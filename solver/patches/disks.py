@@ -94,9 +94,9 @@ def _count(members: csr_array, what: csr_array) -> csr_array:
 
 
 def row_chunks(members: csr_array) -> list[csr_array]:
-    """Split the rows of a matrix into parts of bounded size."""
+    """Split the rows of a matrix into parts of bounded size, at least one."""
     if members.shape[0] <= _CHUNK:
-        return [members] if members.shape[0] else []
+        return [members]
     return [csr_array(members[low : low + _CHUNK]) for low in range(0, members.shape[0], _CHUNK)]
 
 

@@ -21,6 +21,9 @@ from ..mesh.triangle_mesh import TriangleMesh
 from .cover import build_cover
 from .disks import Disks, held_nodes, largest_disks, row_chunks
 
+_OF_PATCHES, _OF_VERTICES = ("centres", "rings", "levels"), ("vertices", "nodes", "rim_distance")
+_OF_TRIANGLES = ("triangles", "mesh_triangles")
+
 
 @dataclass(frozen=True, eq=False)
 class Patches:
@@ -84,19 +87,10 @@ class Patches:
         chosen = np.arange(len(self))[which]
         vertex_rows, vertex_offsets = row_positions(self.vertex_offsets, chosen)
         triangle_rows, triangle_offsets = row_positions(self.triangle_offsets, chosen)
-        return Patches(
-            centres=self.centres[chosen],
-            rings=self.rings[chosen],
-            vertex_offsets=vertex_offsets,
-            vertices=self.vertices[vertex_rows],
-            nodes=self.nodes[vertex_rows],
-            triangle_offsets=triangle_offsets,
-            triangles=self.triangles[triangle_rows],
-            mesh_triangles=self.mesh_triangles[triangle_rows],
-            rim_distance=self.rim_distance[vertex_rows],
-            passed_through=self.passed_through,
-            levels=self.levels[chosen],
-        )
+        rows = dict.fromkeys(_OF_PATCHES, chosen)
+        rows |= {**dict.fromkeys(_OF_VERTICES, vertex_rows), **dict.fromkeys(_OF_TRIANGLES, triangle_rows)}
+        taken = {name: getattr(self, name)[own] for name, own in rows.items()}
+        return replace(self, vertex_offsets=vertex_offsets, triangle_offsets=triangle_offsets, **taken)
 
     def passing(self, vertices: Booleans) -> Patches:
         """Return the patches with further vertices (V,) passed through."""
@@ -235,9 +229,7 @@ class _Local:
 
 def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
     pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in row_chunks(disks.members)]
-    nodes, sizes, triangles, mesh_triangles, rim_distance = (
-        (np.concatenate(part) for part in zip(*pieces, strict=True)) if pieces else _nothing()
-    )
+    nodes, sizes, triangles, mesh_triangles, rim_distance = map(np.concatenate, zip(*pieces, strict=True))
     return Patches(
         centres=mesh.node_vertex[disks.centres],
         rings=disks.rings,
@@ -251,11 +243,6 @@ def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level:
         passed_through=passed_through,
         levels=np.full(len(disks.rings), level, dtype=np.int64),
     )
-
-
-def _nothing() -> tuple[Indices, Indices, Indices, Indices, Indices]:
-    none = np.zeros(0, dtype=np.int64)
-    return none, none, np.zeros((0, 3), dtype=np.int64), none, none
 
 
 def _assemble_chunk(
@@ -319,24 +306,11 @@ def _distance_to_rim(local: _Local, rim: Booleans) -> Indices:
 
 
 def _concatenate(one: Patches, two: Patches, passed_through: Booleans) -> Patches:
-    def both(name: str) -> Indices:
-        joined: Indices = np.concatenate((getattr(one, name), getattr(two, name)))
-        return joined
-
-    def offsets(name: str) -> Indices:
-        first, second = getattr(one, name), getattr(two, name)
-        return np.concatenate((first, second[1:] + first[-1]))
-
-    return Patches(
-        centres=both("centres"),
-        rings=both("rings"),
-        vertex_offsets=offsets("vertex_offsets"),
-        vertices=both("vertices"),
-        nodes=both("nodes"),
-        triangle_offsets=offsets("triangle_offsets"),
-        triangles=both("triangles"),
-        mesh_triangles=both("mesh_triangles"),
-        rim_distance=both("rim_distance"),
-        passed_through=passed_through,
-        levels=both("levels"),
-    )
+    pairs = {
+        name: (getattr(one, name), getattr(two, name))
+        for name in (*_OF_PATCHES, *_OF_VERTICES, *_OF_TRIANGLES, "vertex_offsets", "triangle_offsets")
+    }
+    for name in ("vertex_offsets", "triangle_offsets"):
+        first, second = pairs[name]
+        pairs[name] = first, second[1:] + first[-1]
+    return Patches(passed_through=passed_through, **{name: np.concatenate(pair) for name, pair in pairs.items()})

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import scipy.linalg  # noqa: F401  its BLAS has to be loaded before threads are counted
 from threadpoolctl import ThreadpoolController
 
-from ..progress import Progress, Steps
+from ..progress import Steps, relayed
 
 Result = TypeVar("Result")
 
@@ -31,14 +31,4 @@ def one_thread() -> AbstractContextManager[Any]:
 
 def on_one_thread(steps: Steps[Result]) -> Steps[Result]:
     """Run each step of a computation on one BLAS thread; between the steps the caller has its own number again."""
-    request: str | None = None
-    try:
-        while True:
-            with one_thread():
-                try:
-                    step: Progress = steps.send(request)
-                except StopIteration as end:
-                    return end.value
-            request = yield step
-    finally:
-        steps.close()
+    return relayed(steps, around=one_thread)

@@ -1,8 +1,8 @@
 """The base mesh under a point cloud: checked, wound consistently, drawn to the points and on to their creases.
 
 The base only carries the parameters: where its vertices are does not matter for what the patches can represent.  But
-points are projected on it and domains are unfolded from it, which goes the better the closer it lies; and a domain
-transformation bends along the base's edges, so these had better lie along the creases.
+points are projected on it and domains are unfolded from it, which works better the closer it lies.  And a domain
+transformation bends along the base's edges, so these should lie along the creases.
 """
 
 from __future__ import annotations
@@ -12,33 +12,32 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Indices
 from ..errors import InputError
 from ..mesh.closest_points import closest_points
+from ..mesh.edges import edge_keys
 from ..mesh.normals import face_normals
 from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 STIFFNESS = 0.2
 """Weight of neighbours' equal displacement, as a share of the points that a vertex has on average."""
 
-ROUNDS = 2
+PROJECTIONS = 2
+"""Rounds of projecting the points and moving the base."""
+
 POINTS_A_VERTEX = 40
-"""As many points as that are enough to draw a vertex into place."""
+"""Points that are enough to move a vertex into place."""
 
-POINTS_ASKED = 2000
-FARTHEST = 0.25
-"""A base is refused when half of the points lie farther from it than this share of the cloud's longest side."""
+POINTS_ASKED, FARTHEST_BASE = 2000, 0.25
+"""A base is refused when half of these points lie farther from it than this share of the cloud's longest side."""
 
-REACH = 0.5
-APART = 0.45
-"""A vertex moves on to a crease at most so many mean edges away, when no neighbour went so near the same place."""
+REACH, APART = 0.5, 0.45
+"""A vertex moves to a crease within this many mean edges, unless a neighbour has moved this close to the place."""
 
 LEAST_TURN = 0.3
 """Cosine of the largest angle by which such a move may turn a triangle."""
@@ -50,11 +49,11 @@ def checked_base(vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]
     Raises
     ------
     InputError
-        When it is no mesh, or is not manifold.
+        When it is not a mesh, or not manifold.
     """
     mesh = build_mesh(vertices, faces)
-    sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    _, count = np.unique(sides, axis=0, return_counts=True)
+    keys = edge_keys(mesh.triangles, np.roll(mesh.triangles, -1, axis=1), len(mesh.vertices))
+    _, count = np.unique(keys, return_counts=True)
     if count.max() > 2:
         raise InputError(f"The base is not manifold: {int((count > 2).sum())} edges belong to more than two triangles.")
     if mesh.node_count > len(mesh.vertices):
@@ -70,7 +69,7 @@ def checked_base(vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]
 
 
 def refuse_distant(points: Array, mesh: TriangleMesh) -> None:
-    """Refuse a base that has nothing to do with the cloud.
+    """Refuse a base that does not belong to the cloud.
 
     Raises
     ------
@@ -81,7 +80,7 @@ def refuse_distant(points: Array, mesh: TriangleMesh) -> None:
     feet = closest_points(points[asked], mesh.vertices, mesh.triangles)
     away = float(np.median(np.linalg.norm(feet.on(mesh.vertices, mesh.triangles) - points[asked], axis=1)))
     size = float(np.ptp(points, axis=0).max())
-    if away > FARTHEST * size:
+    if away > FARTHEST_BASE * size:
         raise InputError(
             f"The base is far from the points: half of them are more than {away:.3g} away from it, "
             f"in a cloud {size:.3g} long."
@@ -92,7 +91,7 @@ def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> Triang
     """Move the base's vertices so that its flat triangles come near the points: penalised least squares.
 
     Minimises sum w |p - x(p)|^2 with x(p) the point's place on the base, plus the squared differences of neighbours'
-    displacements, and projects anew; so vertices without points move along with their neighbours (Hoppe et al. 1993).
+    displacements, and projects again; so vertices without points move with their neighbours (Hoppe et al. 1993).
 
     Parameters
     ----------
@@ -112,7 +111,7 @@ def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> Triang
     )
     stiffness = STIFFNESS * weights.sum() / count * (incidence.T @ incidence)
     fitted = mesh
-    for _ in range(ROUNDS):
+    for _ in range(PROJECTIONS):
         feet = project(points, fitted)
         row = np.repeat(np.arange(len(points)), 3)
         place = sp.csr_matrix(
@@ -122,14 +121,14 @@ def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> Triang
         matrix = weighted @ place + stiffness
         matrix += sp.identity(count) * (1e-9 * matrix.diagonal().mean() + 1e-300)
         move = splu(matrix.tocsc()).solve(weighted @ (points - place @ mesh.vertices))
-        fitted = _without_folds(mesh, mesh.vertices + move)
+        fitted = without_folds(mesh, mesh.vertices + move)
     return fitted
 
 
 def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
-    """Move vertices on to the nearest crease where one passes near, so that edges come to lie along it.
+    """Move vertices to the nearest crease where one passes near, so that edges lie along it.
 
-    The nearest go first; one whose neighbour has already taken the place stays, as does one whose move would fold the
+    The nearest vertices move first.  A vertex stays where a neighbour has taken the place, or the move would fold the
     base.
 
     Parameters
@@ -164,12 +163,12 @@ def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
 
 
 def _some(points: Array, count: int) -> Indices:
-    """Numbers of at most so many of the points, spread over all of them."""
+    """Numbers of at most `count` of the points, spread evenly over all of them."""
     return np.unique(np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64))
 
 
-def _without_folds(mesh: TriangleMesh, vertices: Array) -> TriangleMesh:
-    """Move the vertices as far towards new places as no triangle turns over."""
+def without_folds(mesh: TriangleMesh, vertices: Array) -> TriangleMesh:
+    """Move the vertices towards new places, as far as no triangle turns over."""
     before = face_normals(mesh.vertices, mesh.triangles)
     for share in (1.0, 0.5, 0.25, 0.125):
         moved = mesh.vertices + share * (vertices - mesh.vertices)

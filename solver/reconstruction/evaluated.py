@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..approximation.approximate import strongest_patch
 from ..interchange import CloudArrays, CloudOutcome
 from ..progress import Steps, within
 from ..settings import MOST_AUTOMATIC_SPLITS, Settings
-from ..surface.metrics import domain_jacobians, domain_stretch
+from ..surface.metrics import domain_jacobians, domain_stretch, strongest_patch
 from ..surface.resampling import resample_steps
 from .reconstruct import reconstruct_steps
 

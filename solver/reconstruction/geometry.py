@@ -1,7 +1,7 @@
-"""What a point cloud tells of its surface before anything is fitted: density, noise, normals, creases.
+"""What a point cloud reveals of its surface before anything is fitted: density, noise, normals, creases.
 
-Everything is taken from each point's nearest neighbours.  At a crease the neighbourhood of a point reaches over to the
-other side and its plane of least squares lies askew; so each point takes the plane of that neighbour whose own
+Everything is computed from each point's nearest neighbours.  At a crease the neighbourhood of a point extends to the
+other side, which tilts its plane of least squares.  So each point takes the plane of the neighbour whose own
 neighbourhood is the flattest (the filter of Kuwahara et al. 1976, on normals), which is on the point's side.  Where
 neighbours then disagree there is a crease, and it lies where their planes meet: the least squares of the distances from
 them all (Garland, Heckbert 1997; Ju et al. 2002).
@@ -12,46 +12,49 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Indices
 from ..mesh.clustering import one_in_each_cell
 from ..mesh.quadrics import quadric_terms
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 NEIGHBOURS = 16
-NEAREST = 13
-"""Points, with itself, whose neighbourhoods a point may take over."""
+"""Points in a neighbourhood, with the point itself."""
 
-NOISE_NEIGHBOURS = 24
-NOISE_SAMPLES = 4000
+PLANES_TO_CHOOSE_FROM = 13
+"""Nearest points, with the point itself, whose planes a point may take over."""
+
+NOISE_NEIGHBOURS, NOISE_SAMPLES = 24, 4000
+"""Points in a neighbourhood, and the most neighbourhoods, from which noise is estimated."""
+
 NOISE_QUANTILE, NOISE_AT_QUANTILE = 0.25, 0.8717
-"""Up to three quarters of the neighbourhoods may reach over creases; root of the quantile of chi squared / n for n =
-18."""
+"""Up to three quarters of the neighbourhoods may extend over creases.  The second is the root of that quantile of chi
+squared / n for n = 18."""
 
 SHARPEST = np.cos(np.radians(35.0))
 """Normals that differ by more than this angle belong to two sides of a crease."""
 
-SIDE = 3
+FEWEST_ON_A_SIDE = 3
 """Neighbours that a side of a crease must have."""
 
 FLAT = 0.05
-"""Directions with less than this share of the largest eigenvalue are not held by planes."""
+"""Planes do not fix a crease point along directions with less than this share of the largest eigenvalue."""
 
 BENT = 0.03
 """At a crease a neighbourhood deviates from a quadric by at least this share of the spacing; a smooth bend that few
 points resolve, like that of a small sphere, does not."""
 
-FARTHEST = 1.6
-"""How far a point may lie from the crease that it stands for, in spacings."""
+LONGEST_MOVE = 1.6
+"""Spacings that a point may lie from its crease."""
+
+MOST_OFF_PLANES = 0.15
+"""Spacings that a crease point may be off the planes that meet there, beside the noise."""
 
 SPARSEST = 3.0
-"""Nor so many times farther from its neighbours than usual."""
+"""A point that is this many times farther from its neighbours than usual gives no crease point."""
 
 NOISIEST = 0.5
-"""With noise above this share of the spacing no crease is looked for."""
+"""With noise above this share of the spacing creases are not sought."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class CloudGeometry:
     noise
         Standard deviation of the points from a smooth surface, across it.
     normals
-        Unit normals without a sense, (P, 3); one-sided at creases.
+        Unit normals of arbitrary sign, (P, 3); one-sided at creases.
     creases
         Points on sharp edges and corners, about as dense as the cloud, (C, 3).
     """
@@ -90,9 +93,7 @@ def analyse(points: Array) -> CloudGeometry:
 
 
 def typical_spacing(distance: Array) -> float:
-    """Side of the square that a point has to itself, from sorted distances to its neighbours (P, k), the median of
-    all.
-    """
+    """Median side of the square that a point has to itself, from sorted distances to its neighbours, (P, k)."""
     rank = min(8, distance.shape[1] - 1)
     return float(np.median(distance[:, rank]) * np.sqrt(np.pi / rank))
 
@@ -100,8 +101,7 @@ def typical_spacing(distance: Array) -> float:
 def noise_level(points: Array, tree: cKDTree) -> float:
     """Standard deviation of points from quadrics fitted to their neighbours: a low quantile over the cloud.
 
-    A surface that bends more within a neighbourhood than a quadric counts as noise: what the points do not resolve
-    cannot be told from it.
+    A surface that bends more within a neighbourhood than a quadric counts as noise: the points do not resolve it.
     """
     count = min(NOISE_NEIGHBOURS, len(points))
     if count < 10:
@@ -118,7 +118,7 @@ def deviation_from_quadric(near: Array) -> Array:
     local = np.matmul(centred, axes[:, :, ::-1])
     size = np.abs(local[..., :2]).max(axis=(1, 2), initial=0.0)
     u, v = np.moveaxis(local[..., :2] / np.where(size > 0.0, size, 1.0)[:, None, None], 2, 0)
-    basis, _ = np.linalg.qr(quadric_terms(u, v, axis=2))
+    basis, _ = np.linalg.qr(quadric_terms(u, v, 2))
     height = local[..., 2]
     left = height - np.matmul(basis, np.matmul(basis.swapaxes(1, 2), height[:, :, None]))[:, :, 0]
     deviation: Array = np.sqrt((left**2).sum(axis=1) / (near.shape[1] - 6))
@@ -128,7 +128,7 @@ def deviation_from_quadric(near: Array) -> Array:
 def one_sided_normals(points: Array, near: Indices) -> Array:
     """Normals (P, 3), each from the flattest neighbourhood that a point is in the middle of."""
     normals, flatness, centres = _planes(points, near)
-    rivals = near[:, : min(NEAREST, near.shape[1])]
+    rivals = near[:, : min(PLANES_TO_CHOOSE_FROM, near.shape[1])]
     off = ((points[:, None] - centres[rivals]) * normals[rivals]).sum(axis=2)
     best = (flatness[rivals] + off**2).argmin(axis=1)
     chosen: Array = normals[rivals[np.arange(len(points)), best]]
@@ -158,7 +158,8 @@ def crease_points(points: Array, normals: Array, near: Indices, distance: Array,
     """
     agreement = np.abs((normals[near] * normals[:, None]).sum(axis=2))
     on_crease = np.flatnonzero(
-        ((agreement < SHARPEST).sum(axis=1) >= SIDE) & ((agreement >= SHARPEST).sum(axis=1) >= SIDE)
+        ((agreement < SHARPEST).sum(axis=1) >= FEWEST_ON_A_SIDE)
+        & ((agreement >= SHARPEST).sum(axis=1) >= FEWEST_ON_A_SIDE)
     )
     if len(on_crease) and near.shape[1] > 6:
         bent = deviation_from_quadric(points[near[on_crease]]) > BENT * spacing
@@ -175,7 +176,7 @@ def crease_points(points: Array, normals: Array, near: Indices, distance: Array,
     move = np.matmul(axes, (inverse * np.matmul(axes.swapaxes(1, 2), target[:, :, None])[:, :, 0])[:, :, None])[:, :, 0]
     left = np.sqrt((((move[:, None] * facing).sum(axis=2) - height) ** 2).mean(axis=1))
     local = np.maximum(distance[on_crease, min(8, distance.shape[1] - 1)], spacing)
-    good = (np.linalg.norm(move, axis=1) < FARTHEST * local) & (left < 0.15 * local + noise) & held[:, 1]
+    good = (np.linalg.norm(move, axis=1) < LONGEST_MOVE * local) & (left < MOST_OFF_PLANES * local + noise) & held[:, 1]
     # Where points are much sparser than elsewhere a smooth bend looks like a crease.
     good &= local < SPARSEST * spacing
     return thinned((start + move)[good], 0.5 * spacing)

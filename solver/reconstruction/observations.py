@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import offsets_of, row_positions, rows_in_order
+from ..arrays import Array, Indices, offsets_of, row_positions, rows_in_order
 from ..mesh.closest_points import Footpoints
 from ..mesh.sampling import SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.observations import PatchObservations
 from ..patches.patches import Patches
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from ..settings import Settings
 
 POINTS_A_FUNCTION = 2.5
-"""A patch may use the polynomials of total degree t when it has so many points for each of them."""
+"""A patch may use the polynomials of total degree t when it has this many points for each of them."""
 
 SCARCE = 4
 """A triangle with fewer observations gets fillers."""
@@ -49,7 +48,7 @@ class ObservedCloud:
     noise: float
 
     def moved(self, feet: Footpoints, weights: Array) -> ObservedCloud:
-        """The same points at other places of the base, with other weights; both may be of the first points only."""
+        """The same points at other places of the base with other weights, or only the first of them."""
         count = len(weights)
         triangle, barycentric = self.feet.triangle.copy(), self.feet.barycentric.copy()
         triangle[:count], barycentric[:count] = feet.triangle[:count], feet.barycentric[:count]
@@ -61,14 +60,14 @@ class ObservedCloud:
 
 
 def fillers(cloud: ObservedCloud, mesh: TriangleMesh) -> Footpoints:
-    """Places in the triangles that have hardly any points: without an observation there the surface could run away."""
+    """Places in the triangles that have hardly any points: without an observation there the surface could oscillate."""
     weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
     scarce = np.flatnonzero(weights < SCARCE)
     return Footpoints(np.repeat(scarce, len(SURFACE_SAMPLES)), np.tile(SURFACE_SAMPLES, (len(scarce), 1)))
 
 
 def filled(cloud: ObservedCloud, feet: Footpoints, points: Array) -> ObservedCloud:
-    """Observe fillers at these places and points too, with little weight."""
+    """Add fillers at these places and points, with little weight."""
     return replace(
         cloud,
         points=np.concatenate([cloud.points, points]),
@@ -111,8 +110,9 @@ class CloudObservations:
         cloud
             What is observed.
         degrees
-            The patches' degrees where they are fixed already, (K,); otherwise as high as their points afford.
+            The patches' degrees, (K,); where None, the highest that their points afford.
         """
+        self._mesh, self._kind = mesh, kind
         self.patches, self.vertices, self.points = patches, mesh.vertices, cloud.points
         self.cloud, self._blending = cloud, blending
         self._order = np.argsort(cloud.feet.triangle, kind="stable")
@@ -123,10 +123,18 @@ class CloudObservations:
             weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
             degrees = affordable_degrees(_by_patch(patches, weights))
         self.degrees = degrees
-        own, wanted = patches.vertices[patches.block_triangles], mesh.triangles[patches.mesh_triangles]
-        self._corners = rows_in_order(patches.triangles, own, wanted)
+        own = patches.vertices[patches.block_triangles]
+        self._corners = rows_in_order(patches.triangles, own, mesh.triangles[patches.mesh_triangles])
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
+
+    def with_degrees(self, degrees: Indices) -> CloudObservations:
+        """Return the same observations with other degrees, (K,)."""
+        return CloudObservations(self._mesh, self.patches, self._blending, self._kind, self.cloud, degrees)
+
+    def of_cloud(self, cloud: ObservedCloud) -> CloudObservations:
+        """Return observations of other points, or of the same at other places, with the same degrees."""
+        return CloudObservations(self._mesh, self.patches, self._blending, self._kind, cloud, self.degrees)
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch, triangle by triangle."""
@@ -146,7 +154,7 @@ class CloudObservations:
         return PatchObservations(number, corners, shares, weights, blending, int(self.degrees[patch]), self.cloud.noise)
 
     def samples_of_patch(self, patch: int, samples: Array) -> PatchObservations:
-        """Places (q, 3) in every triangle of a patch, as if they were observed."""
+        """Observations at places (q, 3) in every triangle of a patch."""
         faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
         own = self._blending[slice(*self.patches.vertex_offsets[patch : patch + 2])]
         corners = np.repeat(self._corners[faces], len(samples), axis=0)
@@ -156,8 +164,15 @@ class CloudObservations:
         return PatchObservations(none, corners, shares, blending, blending, int(self.degrees[patch]))
 
 
+def observer(
+    mesh: TriangleMesh, settings: Settings, cloud: ObservedCloud
+) -> Callable[[Patches, Array], CloudObservations]:
+    """Return what makes observations of a cloud for patches with given blending weights, (M,)."""
+    return lambda patches, blending: CloudObservations(mesh, patches, blending, settings.blending, cloud)
+
+
 def affordable_degrees(points: Array) -> Indices:
-    """Highest total degrees of which so many points, (K,), hold all the polynomials, at least 1."""
+    """Highest total degrees, at least 1, whose polynomials that many points, (K,), determine."""
     degrees = (np.sqrt(1.0 + 8.0 * points / POINTS_A_FUNCTION) - 3.0) / 2.0
     return np.maximum(degrees.astype(np.int64), 1)
 

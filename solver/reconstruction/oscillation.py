@@ -1,55 +1,69 @@
-"""Patches that run away from a cloud between its points, and taming them by lower degrees.
+"""Patches that oscillate between the points of a cloud.
 
 Where points are few a polynomial of high degree may pass through all of them and swing far out in between.  No residual
-tells; but the points' tangent planes do: a surface through the points stays near the planes of those around it.
+reveals that, but the points' tangent planes do.  Such patches are refitted with lower degrees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from ..approximation.patched_surface import PatchedSurface
+from ..arrays import Array, Indices
 from ..mesh.sampling import triangle_grid
 from ..patches.blending import PLATEAU
-from .geometry import CloudGeometry
+from .observations import CloudObservations
+from .tangent_planes import TangentPlanes
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+CloudSurface = PatchedSurface[CloudObservations]
 
-SPLITS = 5
-PLANES = 6
-FARTHEST = 0.4
-NOISE_LEVELS = 3.0
-"""A patch runs away where its part of the surface is farther from all planes around than so many spacings and noise
-levels."""
+SAMPLES = triangle_grid(5)
+"""Points of each triangle at which a patch is compared with the planes."""
 
-TAMER = 0.6
+REFITS = 3
+DEGREE_FACTOR = 0.6
 LOWEST_DEGREE = 2
+"""A patch is refitted at most this often, each time with its degree multiplied by this, but never a lower one."""
 
 
-class Planes:
-    """Tangent planes of a cloud."""
+def oscillating_in_cloud(
+    surface: CloudSurface, planes: TangentPlanes
+) -> Iterator[tuple[NDArray[np.bool_], CloudObservations]]:
+    """Find patches that leave the tangent planes, to be fitted with lower degrees (see `refit_oscillating`).
 
-    def __init__(self, points: Array, geometry: CloudGeometry) -> None:
-        """Take the points (P, 3) that `geometry` was taken from."""
-        self._points, self._normals = points, geometry.normals
-        self._tree = cKDTree(points)
-        self.tolerance = FARTHEST * geometry.spacing + NOISE_LEVELS * geometry.noise
+    Of all its fits each patch keeps the one that stays nearest to the planes.
+    """
 
-    def distance(self, positions: Array) -> Array:
-        """Distance of positions (N, 3) from the nearest of the planes of the points around them, (N,)."""
-        near = self._tree.query(positions, k=min(PLANES, len(self._points)))[1].reshape(len(positions), -1)
-        offset = positions[:, None] - self._points[near]
-        distance: Array = np.abs((offset * self._normals[near]).sum(axis=2)).min(axis=1)
-        return distance
+    def leaving(which: Indices) -> Array:
+        return farthest(which, planes, lambda patch: _sampled(surface, patch))
+
+    best, degrees = surface.fits, surface.observations.degrees
+    best_degrees = degrees
+    nearest = away = leaving(np.arange(len(best)))
+    for _ in range(REFITS):
+        oscillating = (away > planes.tolerance) & (degrees > LOWEST_DEGREE)
+        if not oscillating.any():
+            break
+        degrees = np.where(oscillating, lowered(degrees), degrees)
+        yield oscillating, surface.observations.with_degrees(degrees)
+        away = away.copy()
+        away[oscillating] = leaving(np.flatnonzero(oscillating))
+        better = away < nearest
+        nearest, best_degrees = np.where(better, away, nearest), np.where(better, degrees, best_degrees)
+        best = [new if other else old for old, new, other in zip(best, surface.fits, better, strict=True)]
+    surface.restore(best, surface.observations.with_degrees(best_degrees))
 
 
-def farthest(patches: Indices, planes: Planes, sampled: Callable[[int], tuple[Array, Array]]) -> Array:
-    """How far each of these patches leaves the planes of the points around it, (n,), scene units; more than
-    `planes.tolerance` is running away.
+def _sampled(surface: CloudSurface, patch: int) -> tuple[Array, Array]:
+    samples = surface.observations.samples_of_patch(patch, SAMPLES)
+    return surface.values_at(patch, samples), samples.blending
+
+
+def farthest(patches: Indices, planes: TangentPlanes, sampled: Callable[[int], tuple[Array, Array]]) -> Array:
+    """How far each of these patches leaves the planes of the points around it, (n,), scene units.
 
     Parameters
     ----------
@@ -60,16 +74,13 @@ def farthest(patches: Indices, planes: Planes, sampled: Callable[[int], tuple[Ar
     """
     pieces = [sampled(int(patch)) for patch in patches]
     away = planes.distance(np.concatenate([points for points, _ in pieces]))
-    # at its rim a patch has no weight, but what is far off there is off beside it too
+    # At its rim a patch has no weight, but where it is far off there it is off beside the rim too.
     away *= np.concatenate([blending for _, blending in pieces]) + PLATEAU
     starts = np.cumsum([0, *(len(blending) for _, blending in pieces[:-1])])
     result: Array = np.maximum.reduceat(away, starts)
     return result
 
 
-def tamed(degrees: Indices) -> Indices:
-    """Lower degrees for patches that run away."""
-    return np.maximum((TAMER * degrees).astype(np.int64), LOWEST_DEGREE)
-
-
-SAMPLES = triangle_grid(SPLITS)
+def lowered(degrees: Indices) -> Indices:
+    """Lower degrees for patches that oscillate."""
+    return np.maximum((DEGREE_FACTOR * degrees).astype(np.int64), LOWEST_DEGREE)

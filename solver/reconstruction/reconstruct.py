@@ -1,100 +1,65 @@
 """Surfaces from point clouds (section 5, Fig. 13): points as observations of patches over a coarse base mesh.
 
 Every point is projected on the base and keeps its barycentric coordinates there; the domains' degrees of freedom are
-the base's vertices.  When the patches stand, points are projected anew on the surface itself (parameter correction,
-Hoschek 1988): what is left of a point's residual is then its distance from the surface, and the patches are fitted
-again from where they are.
+the base's vertices.  Once the patches are fitted, points are projected again, on the surface itself (parameter
+correction, Hoschek 1988): what is left of a point's residual is then its distance from the surface, and the patches are
+refitted from where they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
+from numpy.typing import ArrayLike
 
-from ..approximation.approximate import SOLVE_ENDS, STAGES, SWEEPS_END, Stopwatch, iteration_measures
-from ..approximation.runner import Crew, crew_for
+from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
+from ..approximation.measuring import Deviation, measure, measured_iterations
+from ..approximation.patched_surface import OscillationTest, PatchedSurface
+from ..approximation.report import Stopwatch
+from ..approximation.runner import ChunkRunner, chunk_runner
+from ..arrays import Array
 from ..errors import InputError
 from ..mesh.closest_points import Footpoints
-from ..mesh.projection import project, walk
+from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import FINISH, Progress, Steps, run_to_end, within
+from ..progress import Progress, Steps, run_to_end, within
 from ..settings import CloudSettings, Settings
-from ..surface.metrics import domain_jacobians, flipped_triangles, seam, statistics
+from ..surface.metrics import domain_jacobians, flipped_triangles
 from ..surface.representation import Representation
-from ..version import VERSION
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
-from .cloud_surface import CloudSurface
+from .correction import nearest_on_surface
 from .geometry import CloudGeometry, analyse
 from .noise import iterations_for_noise, ring_for_noise
-from .observations import ObservedCloud, filled, fillers
-from .oscillation import Planes
+from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
+from .oscillation import CloudSurface, oscillating_in_cloud
+from .result import Reconstruction
 from .robust_weights import robust_weights, spread
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from .tangent_planes import TangentPlanes
 
 FEWEST_POINTS = 4
 CORRECTION_STEPS = 2
 MEASURING_STEPS = 5
+"""Steps towards the nearest point of the surface, between fits and when errors are measured."""
+
 COARSER = 2
-"""By how much the rings of the coarse fit are larger that fills places without points."""
+"""The coarse fit that fills places without points has rings larger by this."""
 
 ROBUST_ROUNDS = 2
 ROBUST_ITERATIONS = 2
+"""Coarse fits that find outliers, and the iterations of each."""
+
 CREASE_WEIGHT = 1.0
 """Weight of an estimated crease point, beside that of a point of the cloud."""
 
-WALK_TOLERANCE = 1e-3
-"""Steps that change barycentric coordinates by less are not worth another evaluation."""
-
 SMALLEST_SCALE = 0.1
-"""Robust weights take no scale below this share of the spacing: a crease rounded off is no outlier."""
+"""Robust weights use at least this share of the spacing as scale: a rounded crease is not an outlier."""
 
-
-@dataclass(frozen=True)
-class Reconstruction:
-    """A surface fitted to P points.
-
-    Attributes
-    ----------
-    vertices
-        The surface at the base's vertices, (V, 3), scene units.
-    error
-        Distance of each point from the surface, (P,), scene units.
-    triangle, barycentric
-        The surface's point nearest to each point: triangle of the base (P,) and barycentric coordinates (P, 3).
-    weights
-        How much each point counted, in [0, 1], (P,).
-    report
-        Measures, counts and times; plain values only.
-    representation
-        What evaluates the surface anywhere on the base.
-    """
-
-    vertices: Array
-    error: Array
-    triangle: Indices
-    barycentric: Array
-    weights: Array
-    report: dict[str, Any]
-    representation: Representation
-
-    def error_near(self, points: Array, positions: Array) -> Array:
-        """Error of the cloud around positions (N, 3), for a heat map of the surface: that of the four nearest points,
-        (N,).
-        """
-        count = min(4, len(points))
-        distance, nearest = cKDTree(points).query(positions, k=count)
-        share = 1.0 / (distance.reshape(len(positions), count) + 1e-9 * float(np.ptp(points, axis=0).max()) + 1e-300)
-        values = self.error[nearest.reshape(len(positions), count)]
-        result: Array = (share * values).sum(axis=1) / share.sum(axis=1)
-        return result
+OUTLIER_WEIGHT = 0.1
+"""Points with a smaller weight are reported as outliers."""
 
 
 def reconstruct(
@@ -118,8 +83,7 @@ def reconstruct(
     base_vertices, base_faces
         A coarse mesh near the points: (V, 3), and (F, n) vertex numbers or a list of polygons.
     settings
-        How patches are fitted; `Settings.ring` does not count here, and a tolerance is only compared with what is
-        reached.
+        How patches are fitted; `Settings.ring` is ignored, and a tolerance is only compared with the result.
     cloud
         How the points are observed.
     executor
@@ -156,8 +120,8 @@ def reconstruct_steps(
     checked = checked_points(points)
     base = checked_base(base_vertices, base_faces)
     refuse_distant(checked, base)
-    with crew_for(settings.workers, len(checked), executor) as crew:
-        return (yield from _Work(checked, base, settings, cloud or CloudSettings(), crew).steps())
+    with chunk_runner(settings.workers, len(checked), executor) as runner:
+        return (yield from _Work(checked, base, settings, cloud or CloudSettings(), runner).steps())
 
 
 def checked_points(points: ArrayLike) -> Array:
@@ -202,8 +166,10 @@ def refuse_flat(points: Array) -> None:
 class _Work:
     """One reconstruction under way."""
 
-    def __init__(self, points: Array, base: TriangleMesh, settings: Settings, cloud: CloudSettings, crew: Crew) -> None:
-        self.points, self.base, self.settings, self.cloud, self.crew = points, base, settings, cloud, crew
+    def __init__(
+        self, points: Array, base: TriangleMesh, settings: Settings, cloud: CloudSettings, runner: ChunkRunner
+    ) -> None:
+        self.points, self.base, self.settings, self.cloud, self.runner = points, base, settings, cloud, runner
         self.watch = Stopwatch()
         self.weights = np.ones(len(points))
 
@@ -218,16 +184,26 @@ class _Work:
         yield Progress("Choosing the patches", 0.05)
         with self.watch.stage("cover"):
             self.settings = self._adapted_settings(observed)
-        observed = yield from within(self._filled(observed), 0.05, 0.06)
+            observed = yield from within(self._filled(observed), 0.05, 0.06)
         with self.watch.stage("domains"):
-            self.surface = CloudSurface(self.mesh, observed, self.settings, self.crew)
-        if not len(self.surface.patches):
-            raise InputError("The base has no place for a patch: its triangles hang together nowhere.")
+            surface = self._covered(observed, self.settings)
+        if not len(surface.patches):
+            raise InputError("The base has no room for a patch: none of its triangles are connected.")
         if self.cloud.robust != "none":
-            yield from within(self._first_weights(), 0.06, 0.08)
-        yield from self._fit()
+            with self.watch.stage("solve"):
+                surface.observations = yield from within(self._weighed(surface), 0.06, 0.08)
+        test = partial(oscillating_in_cloud, planes=TangentPlanes(self.points, self.geometry))
+        with self.watch.stage("solve"):
+            end = SOLVE_ENDS if self.settings.sweeps else SWEEPS_END
+            hurry = yield from within(surface.fit(), SOLVE_STARTS, end)
+            for _ in surface.refit_oscillating(test):
+                pass
+        iterations = measured_iterations(surface.fits)
+        if not hurry:
+            with self.watch.stage("sweeps"):
+                yield from within(self._swept(surface, test), SOLVE_ENDS, SWEEPS_END)
         yield Progress("Measuring", 0.95)
-        return self._result(self.surface.representation())
+        return self._result(surface, iterations)
 
     def _geometry(self) -> CloudGeometry:
         geometry = analyse(self.points)
@@ -254,41 +230,38 @@ class _Work:
 
     def _adapted_settings(self, observed: ObservedCloud) -> Settings:
         """Patch radius and iterations as the noise allows."""
-        ring = self.cloud.ring or ring_for_noise(self.mesh, observed, self.geometry, self.settings)
+        ring = self.cloud.ring or ring_for_noise(self.mesh, observed, self.geometry, self.settings, self.runner)
         reach = ring * float(np.linalg.norm(np.diff(self.mesh.vertices[self.mesh.edges], axis=1), axis=2).mean())
         iterations = iterations_for_noise(self.settings, self.geometry.noise / reach)
         sweeps = max(self.settings.sweeps, self.cloud.corrections)
         return replace(self.settings, ring=ring, iterations=iterations, sweeps=sweeps)
 
+    def _covered(self, observed: ObservedCloud, settings: Settings) -> CloudSurface:
+        return PatchedSurface.covering(self.mesh, observer(self.mesh, settings, observed), settings, self.runner)
+
     def _filled(self, observed: ObservedCloud) -> Steps[ObservedCloud]:
-        """Fill triangles with hardly any points from a coarse fit of larger patches, which reach to where there are
-        some.
-        """
+        """Fill triangles with hardly any points from a coarse fit, whose larger patches reach those with more."""
         places = fillers(observed, self.mesh)
         if not len(places.triangle):
             return observed
         on_base = filled(observed, places, places.on(self.mesh.vertices, self.mesh.triangles))
         settings = replace(self.settings, ring=self.settings.ring + COARSER, iterations=0, sweeps=0)
-        with self.watch.stage("cover"):
-            coarse = CloudSurface(self.mesh, on_base, settings, self.crew)
-            yield from coarse.solve()
-            surface = coarse.representation()
-            return filled(observed, places, surface.evaluate(places.triangle, places.barycentric))
+        coarse = self._covered(on_base, settings)
+        yield from coarse.fit()
+        on_surface = coarse.representation().evaluate(places.triangle, places.barycentric)
+        return filled(observed, places, on_surface)
 
-    def _first_weights(self) -> Steps[None]:
-        """Tell outliers from a few coarse fits: they must not choose the functions."""
+    def _weighed(self, surface: CloudSurface) -> Steps[CloudObservations]:
+        """Find outliers by a few coarse fits, so that they do not influence the choice of functions."""
         few = min(ROBUST_ITERATIONS, self.settings.iterations)
-        coarse = CloudSurface(
-            self.mesh, self.surface.observed, replace(self.settings, iterations=few, sweeps=0), self.crew
-        )
-        with self.watch.stage("solve"):
-            for number in range(ROBUST_ROUNDS):
-                yield from within(coarse.solve(), number / ROBUST_ROUNDS, (number + 1) / ROBUST_ROUNDS)
-                feet = coarse.observed.feet
-                on_surface = coarse.representation().evaluate(feet.triangle, feet.barycentric)
-                away = np.linalg.norm(on_surface - coarse.observed.points, axis=1)[: len(self.points)]
-                coarse.observe(self._weighted(coarse.observed, away))
-        self.surface.observe(coarse.observed)
+        coarse = self._covered(surface.observations.cloud, replace(self.settings, iterations=few, sweeps=0))
+        for number in range(ROBUST_ROUNDS):
+            yield from within(coarse.fit(), number / ROBUST_ROUNDS, (number + 1) / ROBUST_ROUNDS)
+            cloud = coarse.observations.cloud
+            on_surface = coarse.representation().evaluate(cloud.feet.triangle, cloud.feet.barycentric)
+            away = np.linalg.norm(on_surface - cloud.points, axis=1)[: len(self.points)]
+            coarse.observations = coarse.observations.of_cloud(self._weighted(cloud, away))
+        return surface.observations.of_cloud(coarse.observations.cloud)
 
     def _weighted(self, observed: ObservedCloud, distance: Array) -> ObservedCloud:
         self.weights = self._robust(distance)
@@ -298,70 +271,59 @@ class _Work:
         scale = max(spread(distance), self.geometry.noise, SMALLEST_SCALE * self.geometry.spacing)
         return robust_weights(distance, self.cloud.robust, scale)
 
-    def _fit(self) -> Steps[None]:
-        planes = Planes(self.points, self.geometry)
-        with self.watch.stage("solve"):
-            hurry = yield from self.surface.solve()
-            self.surface.tame(planes)
-        self.iterations = iteration_measures(self.surface.fits)
-        rounds = 0 if hurry else self.settings.sweeps
-        with self.watch.stage("sweeps"):
-            for number in range(rounds):
-                if number < self.cloud.corrections:
-                    self._correct()
-                start = SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * number / rounds
-                request = None
-                sweep = self.surface.sweep()
-                for step in sweep:
-                    share = (step.fraction - SOLVE_ENDS) / rounds
-                    request = yield Progress("Fitting again", start + share, f"round {number + 1} of {rounds}")
-                    if request == FINISH:
-                        sweep.close()
-                self.surface.tame(planes)
-                if request == FINISH:
-                    break
+    def _swept(self, surface: CloudSurface, test: OscillationTest[CloudObservations]) -> Steps[None]:
+        """Correct the points' parameters, and refit every patch against what the others leave of the points."""
+        rounds = self.settings.sweeps
+        for number in range(rounds):
+            cloud = surface.observations.cloud
+            if number < self.cloud.corrections:
+                cloud = self._corrected(surface)
+            surface.observe(surface.observations.of_cloud(cloud))
+            sweep = surface.sweep("Fitting again", f"round {number + 1} of {rounds}")
+            finish = yield from within(sweep, number / rounds, (number + 1) / rounds)
+            for _ in surface.refit_oscillating(test):
+                pass
+            if finish:
+                break
 
-    def _correct(self) -> None:
-        """Project the points anew, on the surface itself, and weigh them."""
-        observed = self.surface.observed
+    def _corrected(self, surface: CloudSurface) -> ObservedCloud:
+        """Project the points on the surface itself, and weigh them."""
+        cloud = surface.observations.cloud
         feet, distance = nearest_on_surface(
-            self.surface.representation(), self.mesh, observed.points, observed.feet, CORRECTION_STEPS
+            surface.representation(), self.mesh, cloud.points, cloud.feet, CORRECTION_STEPS
         )
-        moved = observed.moved(feet, observed.weights)
-        if self.cloud.robust != "none":
-            moved = self._weighted(moved, distance[: len(self.points)])
-        self.surface.observe(moved)
+        moved = cloud.moved(feet, cloud.weights)
+        return moved if self.cloud.robust == "none" else self._weighted(moved, distance[: len(self.points)])
 
-    def _result(self, representation: Representation) -> Reconstruction:
+    def _result(self, surface: CloudSurface, iterations: dict[str, list[float]]) -> Reconstruction:
+        representation = surface.representation()
         with self.watch.stage("measure"):
-            count = len(self.points)
-            feet = self.surface.observed.feet
+            count, feet = len(self.points), surface.observations.cloud.feet
             start = Footpoints(feet.triangle[:count], feet.barycentric[:count])
             on_surface = representation.evaluate(start.triangle, start.barycentric)
             parametric = np.linalg.norm(on_surface - self.points, axis=1)
             feet, distance = nearest_on_surface(representation, self.mesh, self.points, start, MEASURING_STEPS)
-            jacobians, area = domain_jacobians(representation)
             size = float(np.ptp(self.points, axis=0).max())
-            at_points, off = statistics(parametric), statistics(distance)
-            measures = {
-                "patches": representation.patches,
-                "flipped_triangles": flipped_triangles(jacobians, area),
-                "passed_through_vertices": int(self.surface.patches.passed_through.sum()),
-                "vertex_error": at_points,
-                "surface_error": off,
-                "relative": {
-                    "vertex_rms": at_points["rms"] / size,
-                    "vertex_max": at_points["max"] / size,
-                    "surface_rms": off["rms"] / size,
-                    "surface_max": off["max"] / size,
-                },
-                "seam_max": seam(representation),
-                "representation_bytes": len(representation.stored),
-                "normal_error_degrees": self._normal_error(representation, feet),
-                **self.iterations,
-            }
+            deviation = Deviation(parametric, distance, self._normal_error(representation, feet), size)
+            flipped = flipped_triangles(*domain_jacobians(representation))
             vertices = representation.at_vertices()
-        report = self._report(measures, size)
+        report = measure(
+            surface,
+            representation,
+            deviation,
+            self.watch,
+            flipped_triangles=flipped,
+            passed_through_vertices=int(surface.patches.passed_through.sum()),
+            iterations=iterations,
+            counts={
+                "points": count,
+                "spacing": self.geometry.spacing,
+                "noise": self.geometry.noise,
+                "crease_points": len(self._creases()),
+                "outliers": int((self.weights < OUTLIER_WEIGHT).sum()),
+            },
+            cloud=self.cloud.as_dict(),
+        )
         return Reconstruction(vertices, distance, feet.triangle, feet.barycentric, self.weights, report, representation)
 
     def _normal_error(self, representation: Representation, feet: Footpoints) -> float:
@@ -370,61 +332,3 @@ class _Work:
         beside = np.linalg.norm(np.cross(normals, planes), axis=1)
         angle = np.arctan2(beside, np.abs((normals * planes).sum(axis=1)))
         return float(np.degrees(angle).mean())
-
-    def _report(self, measures: dict[str, Any], size: float) -> dict[str, Any]:
-        seconds = {name: self.watch.seconds.get(name, 0.0) for name in STAGES}
-        return {
-            "version": VERSION,
-            "method": self.settings.method,
-            "settings": self.settings.as_dict(),
-            "cloud": self.cloud.as_dict(),
-            "input": {
-                "points": len(self.points),
-                "vertices": len(self.mesh.vertices),
-                "faces": self.mesh.polygon_count,
-                "triangles": len(self.mesh.triangles),
-                "components": self.mesh.component_count,
-                "bounding_box_longest_side": size,
-                "spacing": self.geometry.spacing,
-                "noise": self.geometry.noise,
-                "crease_points": len(self._creases()),
-                "outliers": int((self.weights < 0.1).sum()),
-            },
-            **measures,
-            "seconds": {**seconds, "total": self.watch.total()},
-            "peak_memory_mb": self.crew.peak_memory_mb(),
-            "workers": self.crew.workers,
-        }
-
-
-def nearest_on_surface(
-    representation: Representation, mesh: TriangleMesh, points: Array, start: Footpoints, steps: int
-) -> tuple[Footpoints, Array]:
-    """Walk towards the surface's points nearest to `points` (P, 3), each from its own start.
-
-    Returns
-    -------
-    footpoints, distance
-        The nearest places on the way, and how far they are from the points, (P,).
-    """
-    nearest = np.full(len(points), np.inf)
-    triangle, barycentric = start.triangle.copy(), start.barycentric.copy()
-
-    def keep(which: Indices, feet: Footpoints, missing: Array) -> None:
-        distance = np.linalg.norm(missing, axis=1)
-        closer = distance < nearest[which]
-        where = which[closer]
-        nearest[where], triangle[where] = distance[closer], feet.triangle[closer]
-        barycentric[where] = feet.barycentric[closer]
-
-    def misses(which: Indices, feet: Footpoints) -> tuple[Array, Array]:
-        on_surface, tangents = representation.evaluate_with_tangents(feet.triangle, feet.barycentric)
-        missing = points[which] - on_surface
-        keep(which, feet, missing)
-        return missing, tangents.swapaxes(1, 2)
-
-    found, arrived = walk(mesh, start, misses, steps, WALK_TOLERANCE)
-    last = np.flatnonzero(~arrived)
-    feet = Footpoints(found.triangle[last], found.barycentric[last])
-    keep(last, feet, points[last] - representation.evaluate(feet.triangle, feet.barycentric))
-    return Footpoints(triangle, barycentric), nearest

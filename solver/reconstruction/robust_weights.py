@@ -1,14 +1,13 @@
 """Robust weights: how much a point counts, by its distance from the surface (Huber 1964; Beaton, Tukey 1974).
 
-Least squares with these weights, taken anew from each fit, minimise a loss that grows slower than the square.
+Least squares with these weights, updated after each fit, minimise a loss that grows slower than the square.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 TUNING = {"huber": 1.345, "tukey": 4.685}
 """Distances, in standard deviations of good points, at which weights begin to fall (Huber) or are zero (Tukey): at
@@ -19,7 +18,7 @@ NORMAL_MEDIAN = 0.6744897501960817
 
 
 def spread(distance: Array) -> float:
-    """Standard deviation of the good points, from the median of the distances (P,), which outliers do not move."""
+    """Standard deviation of the good points, from the median of the distances, (P,), which outliers hardly move."""
     return float(np.median(distance)) / NORMAL_MEDIAN if len(distance) else 0.0
 
 

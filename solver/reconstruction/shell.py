@@ -8,35 +8,31 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from ..mesh.edges import connected_parts
+from ..arrays import Array, Booleans, Indices
+from ..mesh.edges import connected_parts, edge_keys
 from ..mesh.normals import face_normals, unit
 from ..mesh.triangle_mesh import build_mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 NEIGHBOURS, TREE_NEIGHBOURS = 24, 12
 WIDEST_GAP = np.radians(150.0)
 """A point whose neighbours leave a wider angle free in its tangent plane lies on a border."""
 
 BORDER_POINTS = 1.0
-"""A cloud of P points is open when more than so many times the root of P of them lie on a border: a square of evenly
-spread points has four times the root."""
+"""A cloud of P points is open when more than this multiple of the root of P lie on a border; on a square of evenly
+spread points it is 4."""
 
 SMALLEST_SHARE = 0.01
 """Parts of a shell with a smaller share of the largest part's volume, or triangles, are left out."""
 
 OFF_CENTRE = 0.45
-"""How far the mean of the nearest points lies off, in distances of the farthest of them, where the surface ends: on a
-straight border it is the centroid of a half disk, 4 / 3 pi = 0.42."""
+"""The surface ends where the mean of the nearest points is off by more than this share of the farthest one's distance;
+on a straight border it is the centroid of a half disk, off by 4 / (3 pi) = 0.42."""
 
 SMALLEST_CAVITY = 1.5
-"""A cavity smaller than a cube of so many ball radii does not show that the shell is closed."""
+"""A cavity smaller than a cube of this many ball radii does not show that the shell is closed."""
 
 FACING = 0.5
 """Cosine of the angle between a shell's triangle and the cloud up to which the triangle belongs to a side."""
@@ -58,13 +54,13 @@ def signed_volumes(vertices: Array, triangles: Indices, part: Indices) -> Array:
 
 
 def has_cavity(vertices: Array, triangles: Indices, radius: float) -> bool:
-    """Whether a shell of balls of this radius, wound outwards, encloses an empty room worth the name."""
+    """Whether a shell of balls of this radius, wound outwards, encloses a cavity larger than (1.5 radius)^3."""
     volumes = signed_volumes(vertices - vertices.mean(axis=0), triangles, parts(triangles, len(vertices)))
     return bool(volumes.min(initial=0.0) < -((SMALLEST_CAVITY * radius) ** 3))
 
 
 def outer_parts(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Those parts of a shell that enclose the others, without the tiny ones."""
+    """The parts of a shell that enclose the others, without tiny ones."""
     part = parts(triangles, len(vertices))
     volumes = signed_volumes(vertices - vertices.mean(axis=0), triangles, part)
     kept = volumes > SMALLEST_SHARE * volumes.max(initial=0.0)
@@ -99,7 +95,7 @@ def is_open(points: Array) -> bool:
 def oriented_normals(points: Array, normals: Array) -> Array:
     """Turn normals (P, 3) so that neighbours agree, along a spanning tree of the most parallel ones (Hoppe 1992).
 
-    Every connected part of the neighbourhood graph gets a sense of its own.
+    Each connected part of the neighbourhood graph is oriented by itself.
     """
     count = len(points)
     near = cKDTree(points).query(points, k=min(TREE_NEIGHBOURS, count))[1]
@@ -119,17 +115,18 @@ def oriented_normals(points: Array, normals: Array) -> Array:
 
 
 def one_side(vertices: Array, triangles: Indices, points: Array) -> tuple[Array, Indices]:
-    """Take the side of an open cloud's shell that its normals point to, lay it on to the points, and cut off what
-    reaches beyond their border.
+    """Take the side of an open cloud's shell that its normals point to, move it onto the points, and cut off what
+    extends beyond their border.
     """
     tree = cKDTree(points)
     normals = oriented_normals(points, _smooth_normals(points, tree))
-    nearest = tree.query(vertices[triangles].mean(axis=1))[1]
-    facing = (face_normals(vertices, triangles) * normals[nearest]).sum(axis=1)
+    centres = vertices[triangles].mean(axis=1)
+    facing = (face_normals(vertices, triangles) * normals[tree.query(centres)[1]]).sum(axis=1)
     vertices, triangles = _large_parts(vertices, triangles[facing > FACING])
     near = tree.query(vertices, k=min(4, len(points)))[1].reshape(len(vertices), -1)
     away = ((vertices[:, None] - points[near]) * normals[near]).sum(axis=2).mean(axis=1)
-    vertices = vertices - away[:, None] * unit(normals[near].mean(axis=1))
+    direction = unit(normals[near].mean(axis=1))
+    vertices = vertices - away[:, None] * direction
     vertices, triangles = _large_parts(vertices, triangles[~_beyond(vertices[triangles].mean(axis=1), points, tree)])
     return smoothed(vertices, triangles), triangles
 
@@ -157,12 +154,13 @@ def _large_parts(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def smoothed(vertices: Array, triangles: Indices) -> Array:
-    """Even out a sheet with a border, noise inside and jags along it, which would keep decimation busy, (V, 3).
+    """Smooth a sheet whose noise and jagged border would slow decimation down, (V, 3).
 
     Vertices of the border are averaged with their neighbours along it, all others with all of theirs.
     """
-    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edges, uses = np.unique(sides, axis=0, return_counts=True)
+    count = len(vertices)
+    keys, uses = np.unique(edge_keys(triangles, np.roll(triangles, -1, axis=1), count), return_counts=True)
+    edges = np.stack(np.divmod(keys, count), axis=1)
     along = edges[uses == 1]
     on_border = np.zeros(len(vertices), dtype=bool)
     on_border[along] = True

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.patches import Patches
 from ..settings import Settings
 from .representation import Representation
-
-Array = NDArray[np.float64]
 
 
 def assemble(

@@ -8,21 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import runs_of_rows
+from ..arrays import Array, Indices, runs_of_rows
 from ..fitting.domain_energy import DomainEnergy, determinant
 from ..mesh.edges import edge_keys
 from ..mesh.normals import angle_between, face_normals
 from ..mesh.sampling import SURFACE_SAMPLES
 from .representation import Representation
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
 """Where the jump across a patch's rim is measured along an edge."""
 
-POINTS_AT_ONCE = 600_000
-TRIANGLES_AT_ONCE = 100_000
+POINTS_AT_ONCE, TRIANGLES_AT_ONCE = 600_000, 100_000
 """Measured together: more would only take memory."""
 
 
@@ -60,14 +56,14 @@ def surface_error(
 
 
 def _blocks(count: int, points_each: int) -> Iterator[slice]:
-    """Parts of so many things that are evaluated at once, so that memory stays bounded."""
+    """Slices of `count` things with `points_each` points, so that memory stays bounded."""
     step = max(1, POINTS_AT_ONCE // points_each)
     for start in range(0, count, step):
         yield slice(start, start + step)
 
 
 def seam(representation: Representation) -> float:
-    """Largest jump of the surface across the patches' rims: the edges between triangles that other patches cover."""
+    """Largest jump of the surface across patches' rims, the edges between triangles that different patches cover."""
     pairs = pairs_across_edges(representation)
     pairs = pairs.select(pairs.on_rim)
     largest = 0.0
@@ -89,7 +85,7 @@ class EdgePairs:
     corners
         The edge's ends as corners of each of them, the same end first, (2, E, 2).
     on_rim
-        Where other patches cover the one triangle than the other, so that the rim of a patch runs along the edge, (E,).
+        Where the two triangles are covered by different patches, so that the rim of a patch runs along the edge, (E,).
     """
 
     triangles: Indices
@@ -115,7 +111,7 @@ class EdgePairs:
 
 
 def pairs_across_edges(representation: Representation) -> EdgePairs:
-    """Find the triangles that meet at edges of the input mesh, and where patches end between them."""
+    """Find the triangles that meet at edges of the input mesh, and the edges between them at which patches end."""
     triangles = representation.triangles
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     key = edge_keys(starts, ends, len(representation.vertices))
@@ -139,19 +135,17 @@ def _cover_fingerprint(representation: Representation) -> Indices:
     """A number for each triangle that is equal where the same patches cover it."""
     numbers = np.random.default_rng(0).integers(1, 2**62, size=representation.patches, dtype=np.int64)
     fingerprint = np.zeros(len(representation.triangles), dtype=np.int64)
-    patch = np.repeat(np.arange(representation.patches), np.diff(representation.triangle_offsets))
-    np.bitwise_xor.at(fingerprint, representation.mesh_triangles, numbers[patch])
+    np.bitwise_xor.at(fingerprint, representation.mesh_triangles, numbers[representation.patch_of_triangle])
     return fingerprint
 
 
 def normal_error(before: Array, after: Array, triangles: Indices) -> float:
     """Mean angle between the face normals of two meshes, degrees; triangles without area do not count."""
-    normals = [face_normals(vertices, triangles) for vertices in (before, after)]
-    usable = (np.abs(normals[0]).sum(axis=1) > 0.0) & (np.abs(normals[1]).sum(axis=1) > 0.0)
+    one, other = face_normals(before, triangles), face_normals(after, triangles)
+    usable = one.any(axis=1) & other.any(axis=1)
     if not usable.any():
         return 0.0
-    one, other = normals[0][usable], normals[1][usable]
-    return float(np.degrees(angle_between(one, other)).mean())
+    return float(np.degrees(angle_between(one[usable], other[usable])).mean())
 
 
 def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
@@ -200,3 +194,13 @@ def domain_stretch(representation: Representation, jacobians: Array, faces: int)
     triangles = np.maximum(np.bincount(representation.polygon, minlength=faces), 1)
     by_face = np.bincount(representation.polygon, weights=by_triangle, minlength=faces) / triangles
     return np.maximum(by_face, 1.0)
+
+
+def strongest_patch(representation: Representation) -> NDArray[np.int32]:
+    """Patch with the largest blending weight at every vertex, (V,), the first of equals; -1 where none has weight."""
+    strongest = np.full(len(representation.vertices), -1, dtype=np.int32)
+    patch = np.repeat(np.arange(representation.patches), np.diff(representation.vertex_offsets))
+    order = np.lexsort((-patch, representation.weights))
+    order = order[representation.weights[order] > 0.0]
+    strongest[representation.patch_vertices[order]] = patch[order]
+    return strongest

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .representation import Representation
-
-Array = NDArray[np.float64]
 
 
 def overlap_gaps(representation: Representation) -> Array:

@@ -155,11 +155,11 @@ def test_legend_of_no_error():
 
 
 def test_statistics_text_has_the_figures():
-    from bl_ext.user_default.sparse_surface.operators.copy_statistics import statistics_text
+    from bl_ext.user_default.sparse_surface.operators.data.report_text import table
 
     scenes.creased_sheet(12)
     made = scenes.approximate()
     report = made["sparse_surface"].to_dict()
-    text = statistics_text(made.name, report)
+    text = table(made.name, report)
     assert text.splitlines()[0] == made.name
     assert f"{report['surface_error']['max']:.6g}" in text

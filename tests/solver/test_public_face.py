@@ -50,7 +50,7 @@ def test_the_examples_run(name: str, tmp_path: Path) -> None:
     vertices, faces = generated_models.cube(6)
     cloud = generated_clouds.ball()
     known = {"np": np, "vertices": vertices, "faces": faces, "points": cloud.points, "folder": tmp_path}
-    known |= {"base_vertices": cloud.base_vertices, "base_faces": cloud.base_faces}
+    known |= {"base_vertices": cloud.base_vertices, "base_faces": cloud.base_faces, "Settings": solver.Settings}
     what = getattr(solver, name) if name else solver
     found = doctest.DocTestFinder(recurse=bool(name)).find(what, name or "solver", globs=known)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)

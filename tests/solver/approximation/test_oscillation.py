@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import flower, sphere
-from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver import Settings, approximate, run_to_end
 from sparse_surface.solver.approximation.oscillation import errors_between
-from sparse_surface.solver.fitting.chunks import chunk_task, fit_chunk
+from sparse_surface.solver.approximation.patched_surface import PatchedSurface
+from sparse_surface.solver.approximation.runner import ChunkRunner
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from sparse_surface.solver.patches.blending import blending_weights
 from sparse_surface.solver.patches.cover import build_cover
@@ -30,11 +31,12 @@ def test_errors_between_are_those_at_dense_observations():
     weights = blending_weights(mesh, patches, "partition")
     settings = Settings(iterations=1).resolved()
     observations = MeshObservations(mesh, patches, weights, "partition", dense=np.ones(len(patches), dtype=bool))
-    task = chunk_task(observations, initial_domains(mesh, patches), settings, np.arange(len(patches)))
-    fits = fit_chunk(task)
-    found = errors_between(mesh, observations, fits, settings)
+    domains = initial_domains(mesh, patches)
+    surface = PatchedSurface(mesh, patches, domains, lambda *_: observations, settings, ChunkRunner())
+    run_to_end(surface.fit())
+    found = errors_between(surface)
     assert found.max() > 0.0
-    for k, fit in enumerate(fits):
+    for k, fit in enumerate(surface.fits):
         own = observations.of_patch(k)
         errors = np.linalg.norm(fit.values - observations.points[own.number], axis=1) * own.blending
         inside = errors[np.diff(patches.vertex_offsets)[k] :].reshape(-1, 6)

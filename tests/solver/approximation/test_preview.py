@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.polynomial import polynomial
 from sparse_surface.benchmarks.generated_models import cubetorus
-from sparse_surface.solver import Settings
+from sparse_surface.solver import Settings, approximate
 from sparse_surface.solver.approximation import preview as module
-from sparse_surface.solver.approximation.approximate import approximate
 from sparse_surface.solver.approximation.preview import Preview, quadrics
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from sparse_surface.solver.patches.blending import blending_weights
@@ -18,16 +17,6 @@ from sparse_surface.solver.patches.cover import build_cover
 from sparse_surface.solver.patches.patches import build_patches
 from sparse_surface.solver.patches.splitting import with_domains
 from sparse_surface.solver.progress import Progress
-
-
-class Meshlike:
-    """What `Preview` asks of a surface without any fitted patch: the data itself."""
-
-    def __init__(self, vertices: np.ndarray) -> None:
-        self.vertices = vertices
-
-    def at_first(self, count: int) -> np.ndarray:
-        return self.vertices[:count].copy()
 
 
 def numpys_quadric(domain: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -75,8 +64,7 @@ def test_the_first_look_is_the_blend_of_all_quadrics(monkeypatch: pytest.MonkeyP
     blending = blending_weights(mesh, patches, settings.blending)
     monkeypatch.setattr(module, "ENTRIES_AT_ONCE", len(patches.vertices) // 3)  # in several parts
     preview = Preview(mesh.vertices, patches, domains, blending)
-    none = [None] * len(patches.centres)
-    shown = preview.of(Meshlike(mesh.vertices), none)()  # type: ignore[arg-type]
+    shown = preview.surface(mesh.vertices, [False] * len(patches))
     expected = np.zeros_like(mesh.vertices)
     for k, (first, end) in enumerate(pairwise(patches.vertex_offsets)):
         own = patches.vertices[first:end]

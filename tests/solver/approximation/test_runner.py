@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import Approximation, Settings, approximate, approximate_steps
-from sparse_surface.solver.approximation.runner import TASKS_AHEAD, Crew, crew_for
+from sparse_surface.solver.approximation.runner import TASKS_AHEAD, ChunkRunner, chunk_runner
 from sparse_surface.solver.errors import WorkerError
 from sparse_surface.solver.processes.pool import WorkerExecutor, physical_cores
 from sparse_surface.solver.progress import FINISH, run_to_end
@@ -108,9 +108,9 @@ def test_with_one_worker_no_process_is_started(monkeypatch: pytest.MonkeyPatch) 
     [(1, 10**6, 1), (0, 100, 1), (0, 10**6, physical_cores()), (3, 100, 3)],
 )
 def test_the_number_of_workers(asked: int, vertices: int, expected: int) -> None:
-    with crew_for(asked, vertices) as crew:
-        assert crew.workers == expected
-        assert (crew.executor is None) == (expected == 1)
+    with chunk_runner(asked, vertices) as runner:
+        assert runner.workers == expected
+        assert (runner.executor is None) == (expected == 1)
 
 
 class Slow(Executor):
@@ -133,7 +133,7 @@ def test_only_a_few_tasks_wait_and_leaving_cancels_them() -> None:
             made.append(number)
             yield number
 
-    results = Crew(slow, 3).run(tasks())
+    results = ChunkRunner(slow, 3).run(tasks())
     threading.Timer(0.2, lambda: slow.handed[0].set_result([])).start()
     assert next(results) == (0, [])
     assert len(made) == 3 * TASKS_AHEAD
@@ -149,7 +149,7 @@ def test_results_come_in_the_order_of_the_tasks() -> None:
             future.set_result([number])
 
     threading.Timer(0.2, finish).start()
-    assert list(Crew(slow, 4).run(range(5))) == [(n, [n]) for n in range(5)]
+    assert list(ChunkRunner(slow, 4).run(range(5))) == [(n, [n]) for n in range(5)]
 
 
 def test_a_failure_in_a_worker_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:

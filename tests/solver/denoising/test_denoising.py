@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from noisy import Array, Indices, diagonal, distance_from_clean, face_normals, halved, with_noise
 from sparse_surface.benchmarks import generated_models as models
-from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, denoise, denoise_steps
+from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, denoise, denoise_steps, run_to_end
+from sparse_surface.solver.denoising import denoise as steps
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
 from sparse_surface.solver.denoising.normal_filter import filter_normals
-from sparse_surface.solver.denoising.one_sided_patches import PatchFitter, PatchRule
+from sparse_surface.solver.denoising.one_sided_patches import Fits, PatchFitter, PatchRule, shrink_curvature
+from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
@@ -431,6 +436,132 @@ def test_a_patch_is_the_weighted_least_squares_quadratic() -> None:
         ) @ fits.frames[patch]
         np.testing.assert_allclose(heights, local[:, 2], atol=1e-12)
         np.testing.assert_allclose(fits.lengths[patch] * fits.at_vertex[patch][:, present].T, local[:, :2], atol=1e-12)
+
+
+def fits_of_a_bent_sheet(outlier: float = 0.0) -> tuple[Fits, int]:
+    """Patches of a slightly noisy paraboloid, and the number of a vertex that is off by `outlier` noise levels."""
+    vertices, faces = bumpy_plane(16, 0.0, 2)
+    vertices[:, 2] = 0.02 * (vertices[:, 0] - 7.5) ** 2 + np.random.default_rng(4).normal(0.0, 0.01, len(vertices))
+    chosen = 7 * 16 + 8
+    surface = build_surface(build_mesh(vertices, faces))
+    guide = filter_normals(surface, vertices, 0.01)
+    vertices[chosen, 2] += 0.01 * outlier
+    rule = PatchRule((60,), normal_width=0.3, largest_change=4.0, caution=1.0, misfit_power=1.0)
+    (fits,) = list(PatchFitter(surface, vertices, guide, 0.01, rule).fits(np.array([112, 97, 113])))
+    return fits, chosen
+
+
+def test_a_vertex_far_off_has_no_weight() -> None:
+    """Welsch's weight of a residual r is exp(-r^2 / (2 (2 noise levels)^2)): at eight levels 3e-4 of that at none."""
+    (near, chosen), (far, _) = (fits_of_a_bent_sheet(outlier) for outlier in (0.0, 8.0))
+    there = near.vertices == chosen
+    assert there.any(axis=1).all()
+    assert (near.vertex_weights[there] > 0.1).all()
+    assert (far.vertex_weights[there] < 0.01 * near.vertex_weights[there]).all()
+    assert (far.vertex_weights[there] > 0.0).all()
+
+
+def test_curvature_shrinks_by_what_noise_explains_of_it() -> None:
+    """James and Stein: the second-order terms keep max(0, 1 - 1.5 / z) with z = c^T C^-1 c; the others are refitted."""
+    rng = np.random.default_rng(6)
+    design, root = rng.normal(size=(2, 9, 20, 6))
+    gram, covariance = (np.einsum("pni,pnj->pij", part, part) for part in (design, root))
+    coefficients = rng.normal(size=(9, 6)) * np.geomspace(0.3, 30.0, 9)[:, None]
+    found = shrink_curvature(coefficients, gram, covariance)
+    kept = []
+    for patch in range(9):
+        curvature = coefficients[patch, 3:]
+        z = curvature @ np.linalg.inv(covariance[patch, 3:, 3:]) @ curvature
+        kept.append(max(0.0, 1.0 - 1.5 / z))
+        np.testing.assert_allclose(found[patch, 3:], kept[-1] * curvature, rtol=1e-9, atol=1e-12)
+        heights = design[patch] @ coefficients[patch] - design[patch][:, 3:] @ found[patch, 3:]
+        expected = np.linalg.lstsq(design[patch][:, :3], heights, rcond=None)[0]
+        np.testing.assert_allclose(found[patch, :3], expected, rtol=1e-9, atol=1e-9)
+    assert min(kept) == 0.0 < 0.9 < max(kept)
+
+
+def test_patches_are_averaged_by_how_well_they_know() -> None:
+    """Sums over patches, triangles and vertices one by one, with weights and planes written out."""
+    fits, _ = fits_of_a_bent_sheet()
+    fits = replace(fits, misfit=np.array([0.5, 2.0, 3.0]), sound=np.array([True, True, False]))
+    average = PatchAverage(450, 256, misfit_power=1.5)
+    average.add(fits)
+    normals, matrices, targets = np.zeros((450, 3)), np.zeros((256, 3, 3)), np.zeros((256, 3))
+    total, coverage = np.zeros(256), np.zeros(450, dtype=np.int64)
+
+    def at(patch: int, uv: Array) -> tuple[Array, float]:
+        """Unit normal of a patch in space, and one over the variance of its height."""
+        u, v = uv
+        c = fits.coefficients[patch] / fits.lengths[patch]
+        slope = [c[1] + 2 * c[3] * u + c[4] * v, c[2] + c[4] * u + 2 * c[5] * v]
+        normal = fits.frames[patch] @ [-slope[0], -slope[1], 1.0] / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
+        terms = np.array([1.0, u, v, u * u, u * v, v * v])
+        return normal, 1.0 / (terms @ fits.variance[patch] @ terms)
+
+    for patch, trust in ((0, 1.0), (1, 2.0**-1.5)):
+        for place, triangle in enumerate(fits.triangles[patch]):
+            weight = fits.triangle_weights[patch, place]
+            if weight > 0.0:
+                normal, precision = at(patch, fits.at_triangle[patch, :, place])
+                normals[triangle] += weight * trust * precision * normal
+                coverage[triangle] += weight > 0.5
+        for place, vertex in enumerate(fits.vertices[patch]):
+            weight = fits.vertex_weights[patch, place]
+            if weight > 0.0:
+                normal, precision = at(patch, fits.at_vertex[patch, :, place])
+                # the vertex lies `residual` above the quadratic along the frame's normal: on the tangent plane below it
+                offset = -fits.residuals[patch, place] * (normal @ fits.frames[patch][:, 2])
+                matrices[vertex] += weight * trust * precision * np.outer(normal, normal)
+                targets[vertex] += weight * trust * precision * offset * normal
+                total[vertex] += weight * trust * precision
+    length = np.linalg.norm(normals, axis=1)
+    guide = np.tile([0.0, 0.0, 1.0], (450, 1))
+    expected = np.where(length[:, None] > 0.0, normals / np.maximum(length, 1e-300)[:, None], guide)
+    np.testing.assert_allclose(average.normals(guide), expected, atol=1e-12)
+    np.testing.assert_array_equal(average.coverage, coverage)
+    found = average.planes()
+    some = np.maximum(total, 1e-300)
+    np.testing.assert_allclose(found[0], matrices / some[:, None, None], atol=1e-12)
+    np.testing.assert_allclose(found[1], targets / some[:, None], atol=1e-12)
+    np.testing.assert_allclose(found[2], total, rtol=1e-12)
+
+
+def test_a_patch_ends_where_a_slow_bend_leads_too_far() -> None:
+    """Neighbours differ by two degrees, less than any limit between them; the patch ends 30 degrees from its seed."""
+    angle, height = np.meshgrid(np.radians(2.0) * np.arange(60), np.arange(4.0), indexing="ij")
+    vertices = np.stack([np.cos(angle), np.sin(angle), np.radians(2.0) * height], axis=-1).reshape(-1, 3)
+    number = np.arange(240).reshape(60, 4)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    surface = build_surface(build_mesh(vertices, halved(quads)))
+    normals = face_normals(vertices, surface.triangles)
+    neighbours = agreeing_neighbours(surface.neighbours, normals, np.cos(0.2))
+    seed, count = 3 * 29 + 1, len(normals)  # in the middle of the first halves of the quads
+    growing = GrowingPatches(neighbours, normals, np.array([seed]), np.cos(np.radians(31.0)), Claims(1, count))
+    growing.grow(count, np.ones(1, dtype=bool))
+    _, members = growing.members(np.ones(1, dtype=bool))
+    turn = np.degrees(np.arccos(np.clip(normals @ normals[seed], -1.0, 1.0)))
+    np.testing.assert_array_equal(np.sort(members), np.flatnonzero(turn < 31.0))
+    assert len(members) == 2 * 3 * 31
+
+
+@pytest.mark.parametrize(("asked", "used"), [(0.8, 0.2), (0.4, 0.2), (0.25, 0.25), (8.0, 1.0)])
+def test_a_level_that_moves_more_than_the_noise_is_halved(
+    asked: float, used: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where every vertex moves by its whole level, the level comes down to the known noise, or by three halvings."""
+    vertices, faces = bumpy_plane(12)
+    mesh = build_mesh(vertices, faces)
+    up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+
+    def by_the_level(_: object, noisy: Array, level: float, relative: float) -> Iterator[Progress]:
+        yield Progress("moving", 0.5)
+        assert relative * mean_edge_length(mesh) == pytest.approx(level * np.ptp(vertices, axis=0).max())
+        return noisy + level * up, up
+
+    monkeypatch.setattr(steps, "_pass", by_the_level)
+    moved, level = run_to_end(steps._without_noise(mesh, build_surface(mesh), asked, 0.3))
+    assert level == used
+    np.testing.assert_allclose(moved, vertices + used * up, atol=1e-12)
 
 
 def test_the_spread_of_a_fit_is_that_of_many() -> None:

@@ -52,6 +52,15 @@ def test_hops_agree_with_a_graph_search():
     assert (found[~reached] > 10**9).all()
 
 
+def test_a_components_first_centre_is_farthest_from_its_first_vertex():
+    mesh = split_sphere()
+    centres = build_cover(mesh, 50)  # one for each of the two spheres
+    for nodes in (np.arange(mesh.node_count // 2), np.arange(mesh.node_count // 2, mesh.node_count - 1)):
+        (centre,) = centres[np.isin(centres, nodes)]
+        distance = hops(mesh, nodes[0])
+        assert distance[centre] == distance[nodes].max()
+
+
 def test_each_component_has_a_centre_and_loose_vertices_have_none():
     mesh = split_sphere()
     centres = build_cover(mesh, 50)

@@ -7,6 +7,7 @@ import pytest
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.mesh.normals import triangle_areas
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.patches import linear_systems
 from sparse_surface.solver.patches import parameterisation as module
 from sparse_surface.solver.patches.cover import build_cover
 from sparse_surface.solver.patches.loops import boundary_loops
@@ -239,6 +240,18 @@ def test_what_a_method_turns_over_or_flattens_gets_the_next_one(monkeypatch):
     assert areas_of(found.points, patches).min() > 0
 
 
+def test_of_maps_that_all_fail_the_least_bad_stays(monkeypatch):
+    """The first and the last map turn triangles over; the second one squeezes them flat, which is less bad."""
+    mesh = build_mesh(*models.lens())
+    patches = patches_of(mesh)
+    turned, flat = (initial_domains(mesh, patches) * scale for scale in ([1.0, -1.0], [1.0, 0.0]))
+    for method, points in (("lscm", turned), ("harmonic", flat), ("tutte", turned)):
+        monkeypatch.setitem(module._SOLVERS, method, lambda part, _, points=points: points[: len(part.vertices)])
+    found = solve_initial_domains(mesh, patches)
+    assert (found.method == METHODS.index("harmonic")).all()
+    assert np.abs(areas_of(found.points, patches)).max() < 1e-12
+
+
 def test_only_the_patches_that_failed_are_solved_again(monkeypatch):
     mesh = build_mesh(*models.cube())
     patches = patches_of(mesh)
@@ -291,6 +304,25 @@ def test_small_holes_stay_holes(method, missing):
         assert np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)) < 0  # run around the other way: it is open
 
 
+@pytest.mark.parametrize("method", METHODS[1:])
+@pytest.mark.parametrize("shear", [0.0, 2.0, 5.0])
+def test_a_skewed_slit_keeps_its_triangles_open(method, shear):
+    """Without a vertex that spans it, the sides of a slit of 13 edges fall onto each other."""
+    vertices, faces = models.creased_terrain(900)
+    step = np.abs(np.diff(vertices[:30, :2], axis=0)).max()
+    away = np.abs(vertices[faces].mean(axis=1) - vertices[15 * 30 + 15]) / step
+    faces = faces[(away[:, 0] >= 2.5) | (away[:, 1] >= 0.5)]
+    mesh = build_mesh(
+        np.column_stack([vertices[:, 0] + shear * vertices[:, 1], vertices[:, 1], 0 * vertices[:, 0]]), faces
+    )
+    patches = patches_of(mesh)
+    _, holes = boundary_loops(patches)
+    assert np.diff(holes.offsets).tolist() == [13]
+    found = solve_initial_domains(mesh, patches, method)
+    assert (found.method == METHODS.index(method)).all()
+    assert areas_of(found.points, patches).min() > 1e-3 * triangle_areas(mesh.vertices, mesh.triangles).max()
+
+
 def test_size_and_position_make_no_difference():
     vertices, faces = models.lens(10)
     mesh = build_mesh(vertices, faces)
@@ -301,12 +333,12 @@ def test_size_and_position_make_no_difference():
         np.testing.assert_allclose(other / scale, points, atol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "value"), [("_CHUNK", 300), ("_WIDEST_BAND", 0)])
-def test_chunks_and_factorisations_agree(monkeypatch, name, value):
+@pytest.mark.parametrize(("where", "name", "value"), [(module, "_CHUNK", 300), (linear_systems, "_WIDEST_BAND", 0)])
+def test_chunks_and_factorisations_agree(monkeypatch, where, name, value):
     mesh = build_mesh(*models.cubetorus())
     patches = patches_of(mesh)
     expected = {method: solve_initial_domains(mesh, patches, method) for method in METHODS}
-    monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(where, name, value)
     for method in METHODS:
         found = solve_initial_domains(mesh, patches, method)
         np.testing.assert_allclose(found.points, expected[method].points, atol=1e-10)

@@ -199,6 +199,21 @@ def test_an_enclosed_gap_is_filled():
     assert_sound(mesh, patches)
 
 
+def test_what_goes_on_beyond_a_patch_is_no_gap():
+    """A narrow tail is as small as a gap in the neighbourhood of the patch, but leads out of it."""
+    vertices, faces = models.finger(9, 5)
+    tail = np.array([[-step, row, 0.0] for step in range(1, 21) for row in (2.0, 3.0)])
+    ends = np.concatenate([[[2 * 6, 3 * 6]], len(vertices) + np.arange(40).reshape(20, 2)])
+    quads = np.stack([ends[:-1, 0], ends[:-1, 1], ends[1:, 1], ends[1:, 0]], axis=1)
+    mesh = build_mesh(np.concatenate([vertices, tail]), np.concatenate([faces, quads]))
+    centre = 2 * 6 + 2
+    patches = build_patches(mesh, np.array([centre]), 7)
+    first = patches.vertices[: patches.vertex_offsets[1]]
+    assert len(vertices) - 1 in first  # the finger's tip
+    hops = dijkstra(mesh.adjacency, indices=centre, unweighted=True)
+    assert hops[first[first >= len(vertices)]].max() == 7
+
+
 @pytest.mark.parametrize("missing", [1, 6])
 def test_a_small_hole_in_a_scan_is_no_obstacle(missing):
     vertices, faces = models.creased_terrain(900)

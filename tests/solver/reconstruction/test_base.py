@@ -9,7 +9,13 @@ from sparse_surface.benchmarks.generated_clouds import ball, box, hill
 from sparse_surface.benchmarks.generated_models import moebius, sphere
 from sparse_surface.solver.errors import InputError
 from sparse_surface.solver.mesh.projection import project
-from sparse_surface.solver.reconstruction.base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
+from sparse_surface.solver.reconstruction.base import (
+    checked_base,
+    drawn_to_points,
+    refuse_distant,
+    snapped_to_creases,
+    without_folds,
+)
 from sparse_surface.solver.reconstruction.geometry import analyse
 
 
@@ -109,3 +115,54 @@ def test_without_creases_the_base_stays() -> None:
     cloud = ball()
     mesh = checked_base(cloud.base_vertices, cloud.base_faces)
     assert snapped_to_creases(mesh, np.zeros((0, 3))) is mesh
+
+
+def equilateral(rows: int = 5):
+    """A flat base of equilateral triangles with edges of length 1, and the number of its vertex at the origin."""
+    j, i = np.divmod(np.arange(rows * rows), rows)
+    vertices = np.stack([i + 0.5 * j, np.sqrt(0.75) * j, np.zeros(rows * rows)], axis=1)
+    corner = np.array([j_ * rows + i_ for j_ in range(rows - 1) for i_ in range(rows - 1)])
+    upper = np.stack([corner + 1, corner + rows + 1, corner + rows], axis=1)
+    triangles = np.concatenate([np.stack([corner, corner + 1, corner + rows], axis=1), upper])
+    middle = (rows // 2) * rows + rows // 2
+    return checked_base(vertices - vertices[middle], triangles), middle
+
+
+@pytest.mark.parametrize(("distance", "moves"), [(0.48, True), (0.52, False)])
+def test_a_vertex_moves_half_an_edge_at_most(distance: float, moves: bool) -> None:
+    mesh, middle = equilateral()
+    crease = np.array([[0.0, 0.0, distance]])
+    expected = crease[0] if moves else mesh.vertices[middle]
+    np.testing.assert_allclose(snapped_to_creases(mesh, crease).vertices[middle], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("apart", "both"), [(0.5, True), (0.4, False)])
+def test_neighbours_do_not_crowd_at_one_place(apart: float, both: bool) -> None:
+    """Two neighbours that each have a crease point near: the nearer moves, the other only where there is room."""
+    mesh, middle = equilateral()
+    creases = np.array([[0.5 - apart / 2, 0.0, 0.0], [0.5 + apart / 2 + 1e-6, 0.0, 0.0]])
+    moved = snapped_to_creases(mesh, creases).vertices
+    np.testing.assert_allclose(moved[middle + 1], creases[1], atol=1e-12)
+    np.testing.assert_allclose(moved[middle], creases[0] if both else mesh.vertices[middle], atol=1e-12)
+
+
+@pytest.mark.parametrize(("height", "moves"), [(0.28, True), (0.36, False)])
+def test_no_move_turns_a_triangle_by_more_than_72_degrees(height: float, moves: bool) -> None:
+    """A triangle of height 0.1 turns by atan(height / 0.1): 70.3 and 74.5 degrees."""
+    mesh, middle = equilateral()
+    vertices = mesh.vertices.copy()
+    vertices[middle, 1] += np.sqrt(0.75) - 0.1
+    flat = checked_base(vertices, mesh.triangles)
+    crease = vertices[[middle]] + np.array([0.0, 0.0, height])
+    expected = crease[0] if moves else vertices[middle]
+    np.testing.assert_allclose(snapped_to_creases(flat, crease).vertices[middle], expected, atol=1e-12)
+
+
+def test_a_fit_that_would_fold_the_base_goes_only_part_of_the_way() -> None:
+    mesh, middle = equilateral()
+    wanted = mesh.vertices.copy()
+    wanted[middle, 0] += 2.5
+    # half of the way is beyond the next vertex, a quarter is not
+    np.testing.assert_allclose(without_folds(mesh, wanted).vertices[middle], [0.625, 0.0, 0.0], atol=1e-12)
+    wanted[middle, 0] += 100.0
+    assert without_folds(mesh, wanted) is mesh

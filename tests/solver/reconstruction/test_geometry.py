@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from sparse_surface.benchmarks.generated_clouds import ball, box, head, l_solid
+from sparse_surface.solver.reconstruction import geometry as module
 from sparse_surface.solver.reconstruction.geometry import analyse, thinned
 
 
@@ -60,6 +61,27 @@ def test_smooth_surfaces_have_no_creases() -> None:
     assert len(analyse(head(20000, 50).points).creases) == 0
     assert len(analyse(ball(1410, 24).points).creases) == 0
     assert len(analyse(ball(9730, 24, noise=0.005).points).creases) < 20
+
+
+def two_balls() -> np.ndarray:
+    """A dense ball, and one with a hundredth of its points beside it."""
+    return np.concatenate([ball(4000, 24).points + np.array([3.0, 0.0, 0.0]), ball(40, 24).points])
+
+
+def noisy_box() -> np.ndarray:
+    points = box().points
+    return points + 0.6 * analyse(points).spacing * np.random.default_rng(1).normal(size=points.shape)
+
+
+@pytest.mark.parametrize(
+    ("guard", "off", "points"),
+    [("BENT", 0.0, lambda: ball(300, 24).points), ("NOISIEST", np.inf, noisy_box), ("SPARSEST", np.inf, two_balls)],
+    ids=["a smooth bend with few points", "noise", "much sparser points"],
+)
+def test_what_only_looks_like_a_crease_is_none(guard, off, points, monkeypatch) -> None:
+    assert len(analyse(points()).creases) == 0
+    monkeypatch.setattr(module, guard, off)
+    assert len(analyse(points()).creases) > 0, "the cloud puts this guard to the test"
 
 
 def test_few_points_are_no_obstacle() -> None:

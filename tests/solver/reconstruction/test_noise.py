@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_clouds import ball, head
+from sparse_surface.solver.approximation.runner import ChunkRunner
 from sparse_surface.solver.fitting.methods.variable_projection import PROXIMITY_DECAY
 from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
 from sparse_surface.solver.mesh.projection import project
@@ -80,7 +81,7 @@ def test_regularisation_stops_where_the_noise_asks_for() -> None:
 def chosen_ring(cloud) -> int:
     mesh, geometry = checked_base(cloud.base_vertices, cloud.base_faces), analyse(cloud.points)
     observed = ObservedCloud(cloud.points, project(cloud.points, mesh), np.ones(len(cloud.points)), geometry.noise)
-    return ring_for_noise(mesh, observed, geometry, Settings().resolved())
+    return ring_for_noise(mesh, observed, geometry, Settings().resolved(), ChunkRunner())
 
 
 def test_patches_grow_with_the_noise() -> None:

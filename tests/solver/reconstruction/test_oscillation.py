@@ -1,4 +1,4 @@
-"""Patches that swing out between points are found and tamed."""
+"""Patches that swing out between points are found and calmed."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ import numpy as np
 from sparse_surface.benchmarks.generated_clouds import ball, box
 from sparse_surface.solver.mesh.sampling import triangle_grid
 from sparse_surface.solver.reconstruction.geometry import analyse
-from sparse_surface.solver.reconstruction.oscillation import Planes, farthest, tamed
+from sparse_surface.solver.reconstruction.oscillation import farthest, lowered
+from sparse_surface.solver.reconstruction.tangent_planes import TangentPlanes
 
 
 def test_planes_are_near_the_surface_and_far_from_what_is_off_it() -> None:
     for cloud in (ball(3000, 24), box()):
         geometry = analyse(cloud.points)
-        planes = Planes(cloud.points, geometry)
+        planes = TangentPlanes(cloud.points, geometry)
         assert (planes.distance(cloud.points) < 0.1 * planes.tolerance).all()
     random = np.random.default_rng(0)
     directions = random.normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     cloud = ball(3000, 24)
-    planes = Planes(cloud.points, analyse(cloud.points))
+    planes = TangentPlanes(cloud.points, analyse(cloud.points))
     assert (planes.distance(0.5 * directions) < 0.1 * planes.tolerance).all()
     assert (planes.distance(0.53 * directions) > planes.tolerance).all()
 
 
 def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
     cloud = ball(3000, 24)
-    planes = Planes(cloud.points, analyse(cloud.points))
+    planes = TangentPlanes(cloud.points, analyse(cloud.points))
     on_surface, off = cloud.points[:50], 1.2 * cloud.points[:50]
 
     def sampled(patch: int):
@@ -41,7 +42,7 @@ def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
 def test_degrees_fall_to_the_lowest() -> None:
     degrees = np.array([14, 7, 3, 2])
     for _ in range(6):
-        lower = tamed(degrees)
+        lower = lowered(degrees)
         assert (lower <= degrees).all()
         degrees = lower
     np.testing.assert_array_equal(degrees, 2)

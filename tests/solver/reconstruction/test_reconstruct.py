@@ -169,8 +169,11 @@ def test_error_is_the_distance_from_the_evaluated_surface(noisy_ball) -> None:
 def test_heat_map_of_the_surface_takes_the_errors_of_points_nearby(clean_ball) -> None:
     cloud, result = clean_ball
     np.testing.assert_allclose(result.error_near(cloud.points, cloud.points), result.error, atol=1e-6)
-    between = result.error_near(cloud.points, np.zeros((1, 3)))
-    assert result.error.min() <= between[0] <= result.error.max()
+    for place in 0.6 * np.random.default_rng(3).normal(size=(5, 3)):
+        distance = np.linalg.norm(cloud.points - place, axis=1)
+        near = np.argsort(distance)[:4]
+        expected = np.average(result.error[near], weights=1.0 / distance[near])
+        assert result.error_near(cloud.points, place[None])[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_representation_can_be_saved_and_evaluated_anywhere(clean_ball, tmp_path) -> None:
@@ -212,7 +215,7 @@ def test_a_hole_in_the_cloud_is_bridged() -> None:
     hole = np.linalg.norm(cloud.points - [0.0, 0.0, 0.5], axis=1) < 0.2
     result = fitted(replace(cloud, points=cloud.points[~hole]), QUICK)
     assert hole.sum() > 50
-    assert cloud.distance(evaluated(result)[0]).max() < 0.03
+    assert cloud.distance(evaluated(result)[0]).max() < 5e-3
 
 
 def test_uneven_density_is_no_obstacle() -> None:
@@ -254,7 +257,7 @@ def test_polygons_of_the_base_may_be_of_any_size_and_winding() -> None:
     faces = [list(face) for face in cloud.base_faces]
     faces[3], faces[10] = faces[3][::-1], faces[10][::-1]
     result = reconstruct(cloud.points, cloud.base_vertices, faces, Settings(workers=1, iterations=0), NO_ROUNDS)
-    assert rms(result.error) < 1e-2
+    assert rms(result.error) < 3e-3
     triangles = result.representation.triangles
     a, b, c = (result.representation.vertices[triangles[:, k]] for k in range(3))
     assert np.einsum("nk,nk->n", a, np.cross(b, c)).sum() > 0.0
@@ -278,7 +281,7 @@ def test_polygons_of_the_base_may_be_of_any_size_and_winding() -> None:
 def test_all_methods_work(settings: Settings) -> None:
     cloud = ball(900)
     result = fitted(cloud, settings)
-    assert rms(result.error) < 3e-3
+    assert rms(result.error) < 1e-3
     assert rms(cloud.distance(evaluated(result)[0])) < 5e-3
     assert result.report["method"] == settings.method
     assert result.report["flipped_triangles"] == 0
@@ -332,7 +335,7 @@ def test_it_can_be_finished_early_at_any_step() -> None:
         steps = reconstruct_steps(cloud.points, cloud.base_vertices, cloud.base_faces, ALONE)
         taken = itertools.count(1)
         result = run_to_end(steps, lambda _, taken=taken, stop=stop: FINISH if next(taken) >= stop else None)
-        assert rms(result.error) < 0.02
+        assert rms(result.error) < 1e-3
 
 
 def test_closing_cancels() -> None:

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.approximation.approximate import Approximation
+from sparse_surface.solver import Approximation, InputError, Representation, Settings, approximate
 
 Faces = ArrayLike | list[list[int]]
 

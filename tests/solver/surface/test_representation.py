@@ -129,6 +129,23 @@ def test_tangents_are_those_of_finite_differences(surface: Representation) -> No
         np.testing.assert_allclose(tangents[:, k - 1], (there - back) / (2 * step), rtol=1e-5, atol=1e-8)
 
 
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_tangents_where_the_input_shows_through(kind: str) -> None:
+    """Around the vertex that the bow tie's sheets share, which no patch moves, the input has a part of the weight."""
+    surface = representation("bow tie", kind)
+    face = np.flatnonzero((surface.triangles == 80).any(axis=1))
+    assert len(face) == 4
+    inside = np.tile([0.5, 0.2, 0.3], (len(face), 1))
+    _, tangents = surface.evaluate_with_tangents(face, inside)
+    for k in (1, 2):
+        along = np.zeros(3)
+        along[[0, k]] = -1e-5, 1e-5
+        there, back = (
+            [directly(surface, t, b) for t, b in zip(face, inside + s * along, strict=True)] for s in (1, -1)
+        )
+        np.testing.assert_allclose(tangents[:, k - 1], np.subtract(there, back) / 2e-5, rtol=1e-5, atol=1e-8)
+
+
 def test_normals_are_unit_and_stand_on_the_tangents(surface: Representation) -> None:
     face, inside = some_points(surface)
     _, tangents = surface.evaluate_with_tangents(face, inside)

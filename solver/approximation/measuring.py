@@ -1,0 +1,125 @@
+"""Measuring a finished surface: how far it is from its input, and what the report says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..fitting.chunks import PatchFit
+from ..fitting.solution import summed_histories
+from ..surface.metrics import normal_error, seam, statistics, surface_error
+from ..surface.representation import Representation
+from ..version import VERSION
+from .patched_surface import PatchedSurface
+from .report import Report, Stopwatch
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a surface is from what it approximates, scene units.
+
+    Attributes
+    ----------
+    at_points, between
+        Distances whose statistics are `Report.vertex_error` and `Report.surface_error`, of any shape.
+    normal_error, size
+        Mean angle between normals in degrees, and longest side of the input's bounding box.
+    """
+
+    at_points: Array
+    between: Array
+    normal_error: float
+    size: float
+
+    @classmethod
+    def from_mesh(cls, representation: Representation, points: NDArray[Any], vertices: Array) -> Deviation:
+        """Compare the surface, and its `points` at the vertices (V, 3), with the flat mesh between `vertices`."""
+        stored, triangles = points.astype(np.float64), representation.triangles
+        return cls(
+            np.linalg.norm(stored - vertices, axis=1),
+            surface_error(representation, vertices=vertices),
+            normal_error(vertices, stored, triangles),
+            float(np.ptp(vertices[np.unique(triangles)], axis=0).max()),
+        )
+
+    def measures(self) -> dict[str, Any]:
+        """Return the parts of a report that it decides."""
+        at_points, between = statistics(self.at_points), statistics(self.between.ravel())
+        return {
+            "vertex_error": at_points,
+            "surface_error": between,
+            "relative": {
+                "vertex_rms": at_points["rms"] / self.size,
+                "vertex_max": at_points["max"] / self.size,
+                "surface_rms": between["rms"] / self.size,
+                "surface_max": between["max"] / self.size,
+            },
+            "normal_error_degrees": self.normal_error,
+        }
+
+
+def measured_iterations(fits: list[PatchFit]) -> dict[str, list[float]]:
+    """Measure the iterations of the patches by themselves, before sweeps and blending.
+
+    Returns
+    -------
+    dict
+        `energy`, the sum of eq. 3 over the patches in their own scales, and `patch_rms`, the root mean square distance
+        from the data in scene units; after each iteration.
+    """
+    energy = summed_histories([fit.energy for fit in fits])
+    squares = summed_histories([fit.squared_error for fit in fits])
+    observations = max(sum(len(fit.values) for fit in fits), 1)
+    return {"energy": energy.tolist(), "patch_rms": np.sqrt(squares / observations).tolist()}
+
+
+def measure(
+    surface: PatchedSurface[Any],
+    representation: Representation,
+    deviation: Deviation,
+    watch: Stopwatch,
+    *,
+    flipped_triangles: int,
+    passed_through_vertices: int,
+    iterations: dict[str, list[float]],
+    counts: dict[str, Any] | None = None,
+    cloud: dict[str, Any] | None = None,
+    tolerance: dict[str, Any] | None = None,
+    denoise: dict[str, Any] | None = None,
+) -> Report:
+    """Fill in the report of a finished surface; `counts` are added to what `Report.input` says of the mesh."""
+    mesh = surface.mesh
+    with watch.stage("measure"):
+        measures = deviation.measures()
+        jump, stored = seam(representation), len(representation.stored)
+    return Report(
+        version=VERSION,
+        method=surface.settings.method,
+        settings=surface.settings.as_dict(),
+        cloud=cloud,
+        input={
+            "vertices": len(mesh.vertices),
+            "faces": mesh.polygon_count,
+            "triangles": len(mesh.triangles),
+            "components": mesh.component_count,
+            "bounding_box_longest_side": deviation.size,
+            **(counts or {}),
+        },
+        patches=representation.patches,
+        flipped_triangles=flipped_triangles,
+        passed_through_vertices=passed_through_vertices,
+        **measures,
+        seam_max=jump,
+        representation_bytes=stored,
+        energy=iterations["energy"],
+        iterations=iterations,
+        tolerance=tolerance,
+        seconds=watch.report(),
+        peak_memory_mb=surface.runner.peak_memory_mb(),
+        workers=surface.runner.workers,
+        denoise=denoise,
+    )

@@ -1,0 +1,87 @@
+"""What is reported of an approximation or a reconstruction; results carry it, so this module does not load SciPy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from typing import Any
+
+STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
+"""The stages whose seconds every report has."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Measures, counts and times; plain values only.  Errors are in scene units.
+
+    Attributes
+    ----------
+    version, method, settings, cloud
+        What was run; `cloud` says how points were observed and is None for a mesh.
+    input
+        Counts of the input, and the longest side of its bounding box.
+    patches, flipped_triangles, passed_through_vertices
+        Patches, their triangles whose orientation some domain turned, and vertices at which the surface is the input.
+    vertex_error, surface_error, relative
+        Statistics of the distances at the input's vertices and between them; for a cloud, of the points from the places
+        at which they were observed and from the surface.  `relative` ones are shares of the longest side.
+    seam_max, normal_error_degrees
+        Largest jump across a patch's rim, and mean angle between the normals of input and surface.
+    energy, iterations
+        What `measured_iterations` returns; the energies are there twice.
+    tolerance, denoise
+        What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
+    seconds, peak_memory_mb, workers, representation_bytes
+        Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
+    """
+
+    version: str
+    method: str
+    settings: dict[str, Any]
+    cloud: dict[str, Any] | None
+    input: dict[str, Any]
+    patches: int
+    flipped_triangles: int
+    passed_through_vertices: int
+    vertex_error: dict[str, float]
+    surface_error: dict[str, float]
+    relative: dict[str, float]
+    seam_max: float
+    representation_bytes: int
+    normal_error_degrees: float
+    energy: list[float]
+    iterations: dict[str, list[float]]
+    tolerance: dict[str, Any] | None
+    seconds: dict[str, float]
+    peak_memory_mb: float
+    workers: int
+    denoise: dict[str, Any] | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as scripts and files have it: without what does not apply."""
+        found = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+class Stopwatch:
+    """Seconds spent in each named stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start = time.perf_counter()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of the block to the stage `name`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def report(self) -> dict[str, float]:
+        """Return the seconds of all stages, also of those that were left out, and those since the start."""
+        total = time.perf_counter() - self._start
+        return {**dict.fromkeys(STAGES, 0.0), **self.seconds, "total": total}
