@@ -100,7 +100,7 @@ class Settings(_Checked):
         "common",
         "Whether x, y and z share one optimised domain",
         common="One domain for the three coordinates",
-        separate="A domain for each coordinate: 1.2 to 3.2 times as accurate, twice the time, three times the storage",
+        separate="A domain for each coordinate: more accurate, slower, three times the storage",
     )
     initial_domain: str = choice(
         "lscm",
@@ -274,7 +274,7 @@ class CloudSettings(_Checked):
         0,
         20,
         "How often the points are projected again, onto the surface itself, and the patches refitted. "
-        "Each time costs a third of the solve",
+        "Higher: closer fit, more time",
         soft=(0, 5),
     )
 
