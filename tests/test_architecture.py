@@ -27,8 +27,9 @@ Sources = dict[str, str]
 """Text of each file by its path in the checkout."""
 
 FLOORS = (
-    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.progress solver.version",
-    "solver.settings solver.mesh solver.processes solver.threads",
+    "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.version",
+    "solver.progress",
+    "solver.settings solver.mesh solver.processes",
     "solver.patches solver.denoising",
     "solver.fitting",
     "solver.surface",
