@@ -75,7 +75,7 @@ bench: venv ## measure speed and accuracy into docs/measured.json and the pages 
 pages: venv ## fill the marked places of README.md and docs/: measured figures, tables of settings
 	@$(PY) scripts/fill_pages.py
 
-figures: venv ## make the pictures of docs/ and docs/paper.md anew (FIGURES="fig9 heat_map" for some of them)
+figures: venv ## make the pictures of docs/ and docs/paper.md again (FIGURES="fig9 heat_map" for some of them)
 	@$(PY) scripts/figures.py $(FIGURES)
 
 clean: ## remove what the targets made, but for the environments and the wheels

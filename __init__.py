@@ -6,16 +6,20 @@ it is an extension; `register` is where Blender begins.
 
 from __future__ import annotations
 
+# Both import inside of functions what needs Blender.
+
 
 def register() -> None:
     """Register the extension in Blender."""
-    from . import registration
+    from . import operators, ui
 
-    registration.register()
+    operators.register()
+    ui.register()
 
 
 def unregister() -> None:
     """Remove the extension from Blender."""
-    from . import registration
+    from . import operators, ui
 
-    registration.unregister()
+    ui.unregister()
+    operators.unregister()

@@ -37,7 +37,7 @@ class Case:
     size
         Number of vertices of a generated model that has a choice.
     constants
-        Values of the solver's own constants to try, by "module.NAME"; only with one worker.
+        Values to try for the solver's own constants, by "module.NAME"; only with one worker.
     """
 
     model: str
@@ -49,7 +49,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Measured:
-    """What came of a case.
+    """The measurements of one case.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ def generated(name: str, size: int | None) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def with_constants(constants: Mapping[str, Any]) -> None:
-    """Change constants of the solver in this process, and wherever they were imported to."""
+    """Change constants of the solver in this process."""
     package = Settings.__module__.rpartition(".")[0]
     for name, value in constants.items():
         module, _, constant = name.rpartition(".")

@@ -134,5 +134,5 @@ def _read(path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     mesh = read_meshes(path)[0].data
     corners, sizes = mesh_data.read_polygons(mesh)
     if not (sizes == 3).all():
-        raise InputError(f"'{path}' is no triangle mesh.")
+        raise InputError(f"'{path}' is not a triangle mesh.")
     return mesh_data.read_positions(mesh), corners.reshape(-1, 3)

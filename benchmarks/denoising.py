@@ -52,7 +52,7 @@ class Closeness:
 
 @dataclass(frozen=True)
 class DenoisedCase:
-    """What came of a noisy model: the means over the seeds, and the worst.
+    """The measurements of a noisy model: the means over the seeds, and the worst.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class DenoisedCase:
 
 
 def run(cases: Sequence[Case], say: Callable[[str], None]) -> tuple[dict[str, Table], Any]:
-    """Measure what is known of these models; returns two tables, and everything as plain values."""
+    """Measure denoising on these models, with noise and without; returns two tables, and everything as plain values."""
     results: list[DenoisedCase] = []
     for noisy in noisy_cases(cases):
         say(f"{noisy.case.model}, noise {noisy.share:.1%}{', all directions' * noisy.isotropic}")

@@ -82,7 +82,7 @@ def airplane(points: int = 9730, seed: int = 0) -> Cloud:
 
 
 def head(points: int = 26909, base: int = 428, seed: int = 0) -> Cloud:
-    """Return a smooth head with nose, brows, chin and ears over a base of so many vertices."""
+    """Return a smooth head with nose, brows, chin and ears over a base of `base` vertices."""
     directions, triangles = geodesic_sphere(80, jitter=0.0)
     true = directions * _head_radius(directions)[:, None]
     size = np.ptp(true, axis=0).max()

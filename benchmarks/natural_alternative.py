@@ -1,6 +1,6 @@
 """What one would assemble from libraries: scikit-learn's `orthogonal_mp` and SciPy's L-BFGS-B, a patch at a time.
 
-It alternates as the paper does: choose sparse coefficients on the domain as it is, then move the domain with the
+It alternates as the paper does: choose sparse coefficients on the current domain, then move the domain with the
 coefficients held, against the same regularisation.  Compared with the default solver on the same patches, both with
 uniform weights.
 """

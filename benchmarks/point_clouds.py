@@ -62,7 +62,7 @@ class MeasuredCloud:
     surface
         Distance of the surface, sampled evenly by area, from the true one: rms and largest.
     edges
-        Mean distance of the true edges from the surface; None where there are none.
+        Mean distance of the true edges from the surface; None if the surface has no edges.
     fit
         Distance of the points from the surface: rms and largest.
     """

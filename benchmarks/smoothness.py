@@ -43,7 +43,7 @@ class Bends:
     def quantiles(self, shares: tuple[float, ...] = (0.5, 0.9, 0.99)) -> dict[str, dict[str, list[float]]]:
         """Return quantiles of both angles for rims and the rest, on creases of the input and away from them.
 
-        Lists are empty where there are no such edges.
+        A list is empty if no edge is of that kind.
         """
         groups = {"rims": self.on_rim, "elsewhere": ~self.on_rim}
         crease = self.mesh >= CREASE_ANGLE

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
+from ..operators.data.results import create_result
 from ..solver import Settings, approximate
 from .cases import Case, generated, unit_seconds
 from .tables import Table
@@ -30,7 +31,7 @@ def seconds(case: Case, repeats: int) -> float:
     for _ in range(repeats):
         vars(result.representation).pop("stored", None)
         start = time.perf_counter()
-        made = mesh_data.create_result(bpy.context, source, result, ColourScale(0.0, float(result.error.max())))
+        made = create_result(bpy.context, source, result, ColourScale(0.0, float(result.error.max())))
         times.append(time.perf_counter() - start)
         bpy.data.meshes.remove(made.data)
     return float(np.median(times))

@@ -51,9 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
-    for add, name, summary, description in COMMANDS:
+    for add, name, summary in COMMANDS:
         command = commands.add_parser(
-            name, help=summary, description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+            name, help=summary, description=summary, formatter_class=argparse.ArgumentDefaultsHelpFormatter
         )
         command.set_defaults(settle=add(command) or ())
     return parser
@@ -125,39 +125,13 @@ def _add_compare(parser: argparse.ArgumentParser) -> Sequence[Settle]:
 
 
 COMMANDS = (
-    (
-        _add_approximate,
-        "approximate",
-        "approximate the meshes of a file",
-        "Approximate the meshes of a file that Blender reads; lengths are in the file's unit.",
-    ),
-    (
-        _add_reconstruct,
-        "reconstruct",
-        "make a surface from the points of a file",
-        "Make a surface from a point cloud; lengths are in the file's unit.",
-    ),
-    (
-        _add_evaluate,
-        "evaluate",
-        "evaluate a saved representation on a finer mesh",
-        "Evaluate a representation on its mesh with split edges, in its object's own coordinates.",
-    ),
-    (
-        _add_inspect,
-        "inspect",
-        "look at one patch of a saved representation",
-        "List the functions that a patch uses and how its energy fell. The output is the patch, its initial and its "
-        "optimised domain laid flat, and its functions over the domain.",
-    ),
-    (
-        _add_compare,
-        "compare",
-        "approximate a mesh with two presets on one colour scale",
-        "Approximate a mesh twice; the results stand side by side, their errors on one colour scale.",
-    ),
+    (_add_approximate, "approximate", "approximate the meshes of a file; lengths are in its unit"),
+    (_add_reconstruct, "reconstruct", "make a surface from the points of a file; lengths are in its unit"),
+    (_add_evaluate, "evaluate", "evaluate a saved representation, in its object's coordinates, with split edges"),
+    (_add_inspect, "inspect", "list a patch's functions and energies; write its domains and functions laid flat"),
+    (_add_compare, "compare", "approximate a mesh with two presets; their errors share one colour scale"),
 )
-"""What adds the arguments of a command, and returns what completes them; the command's name, summary and description.
+"""What adds the arguments of a command and returns what completes them; its name and summary.
 
 A command is a row here and a module of its name, whose `run` gets the arguments.
 """
@@ -180,13 +154,7 @@ def _add_resample(parser: argparse.ArgumentParser, **options: Any) -> None:
 
 
 def positive_number(text: str) -> int:
-    """Return a whole number of at least 1.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        When the text is something else.
-    """
+    """Return a whole number of at least 1; ArgumentTypeError where the text is something else."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
     return int(text)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..operators.data import meshes as mesh_data
 from ..operators.files.meshes import write_meshes
-from ..operators.inspect_patch import lay_out_patch
+from ..operators.representation.patch_sheets import lay_out_patch
 from ..solver.surface.inspection import patch_energy, patch_terms
 from ..solver.surface.representation import Representation
 from .outputs import write_json

@@ -19,20 +19,9 @@ from ..solver.atomic_files import atomic_output
 
 @dataclass(frozen=True)
 class Made:
-    """A result with what it was made from.
+    """A result with what it was made from: the file, objects in Blender, what the solver returned.
 
-    Attributes
-    ----------
-    input
-        The file.
-    source, result
-        Objects in Blender.
-    report
-        The solver's report.
-    representation
-        What has `save`.
-    resolution
-        Into how many parts each edge is split before the result is written; None: it is written as it is.
+    `resolution` says into how many parts each edge is split before the result is written; None: it stays as it is.
     """
 
     input: Path
@@ -49,22 +38,20 @@ class Output:
 
     Attributes
     ----------
-    flags
+    flags, metavar, help
         Of its argument.
-    metavar, help
-        For the help text.
     write
-        Writes the file for all results, or None where the command has its own way.
+        Writes the file for all results, or for one where `one_each`.
     endings
         File endings that can be written; empty: any.
     one_each
-        Whether each of several results gets a file of its own; its name then holds the object's.
+        Whether each of several results gets a file of its own, with the object's name in the file's.
     """
 
     flags: tuple[str, ...]
     metavar: str
     help: str
-    write: Callable[[Path, Sequence[Made]], None] | None = None
+    write: Callable[[Path, Sequence[Made]], None]
     endings: tuple[str, ...] = ()
     one_each: bool = False
 
@@ -103,20 +90,14 @@ def write_json(path: Path, values: Any) -> None:
 
 
 def _write_meshes(path: Path, made: Sequence[Made]) -> None:
-    from ..operators.files.meshes import write_meshes
-
-    write_meshes(path, [_resampled(each) for each in made])
-
-
-def _resampled(made: Made) -> Any:
-    """Return the object to write: the result, or a finer one evaluated from its representation."""
-    if made.resolution is None:
-        return made.result
+    """Write the results, or finer ones evaluated from their representations."""
     import bpy
 
-    from ..operators.resample import resample_object
+    from ..operators.files.meshes import write_meshes
+    from ..operators.representation.resampled import resample_object
 
-    return resample_object(bpy.context, made.result, made.resolution)
+    fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
+    write_meshes(path, fine or [each.result for each in made])
 
 
 def _write_report(path: Path, made: Sequence[Made]) -> None:
@@ -142,12 +123,11 @@ def _shown_beside(made: Made) -> Iterator[Any]:
         return
     import bpy
 
-    from ..operators.data import points as cloud_data
+    from ..operators.data.points import local_points
     from ..operators.heat_map.point_shapes import create_point_shapes
 
-    points, lengths = cloud_data.read_points(made.source, bpy.context.evaluated_depsgraph_get())
-    spacing = made.report["input"]["spacing"]
-    shapes = create_point_shapes(made.source.name, lengths.to_local(points), spacing)
+    points = local_points(made.source, bpy.context.evaluated_depsgraph_get())
+    shapes = create_point_shapes(made.source.name, points, made.report["input"]["spacing"])
     shapes.matrix_world = made.source.matrix_world
     bpy.context.scene.collection.objects.link(shapes)
     bpy.context.view_layer.update()
@@ -178,16 +158,16 @@ def write_outputs(options: argparse.Namespace, made: Sequence[Made]) -> None:
     """Write the files that were asked for, each complete or not at all."""
     for output in OUTPUTS:
         path = getattr(options, output.name)
-        if path is not None and output.write is not None:
+        if path is not None:
             if not output.one_each or len(made) == 1:
                 output.write(path, made)
             else:
                 for each in made:
-                    output.write(_own_name(path, each), [each])
+                    output.write(_own_path(path, each), [each])
 
 
-def _own_name(path: Path, made: Made) -> Path:
-    """Return the file for one of several objects: the given name followed by the object's."""
+def _own_path(path: Path, made: Made) -> Path:
+    """Return the file for one of several objects: its name ends with the object's."""
     import bpy
 
     return path.with_stem(f"{path.stem}_{bpy.path.clean_name(made.source.name)}")

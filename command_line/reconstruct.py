@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import bpy
 
-from ..operators.data import points as cloud_data
 from ..operators.data.colours import ColourScale
-from ..operators.domains_to_uv import write_domain_maps
+from ..operators.data.points import read_cloud
+from ..operators.data.report_text import one_line
+from ..operators.data.results import create_surface
 from ..operators.files.points import create_base, read_base, read_points
-from ..operators.reconstruct import read_cloud
+from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
 from .outputs import Made, write_outputs
@@ -27,19 +27,9 @@ def run(options: argparse.Namespace) -> None:
     with progress_display(points.name) as show:
         outcome = run_to_end(reconstruct_arrays(source.arrays, options.settings), show)
     scale = ColourScale(0.0, float(outcome.point_error.max(initial=0.0)))
-    surface = cloud_data.create_surface(bpy.context, source, outcome, scale)
+    surface = create_surface(bpy.context, source, outcome, scale)
     if options.domain_maps:
         write_domain_maps(surface)
-    print(cloud_summary(points.name, outcome.report), flush=True)
+    print(one_line(points.name, outcome.report), flush=True)
     # The surface has the resolution that was asked for already.
     write_outputs(options, [Made(options.input, points, surface, outcome.report, outcome.representation)])
-
-
-def cloud_summary(name: str, report: dict[str, Any]) -> str:
-    """Return one line about a reconstruction."""
-    surface, relative, size = report["surface_error"], report["relative"], report["input"]
-    return (
-        f"{name}: {size['points']} points over {size['vertices']} vertices, {report['patches']} patches, error "
-        f"rms {surface['rms']:.3g} ({relative['surface_rms']:.2e} of the size), max {surface['max']:.3g} "
-        f"({relative['surface_max']:.2e}), {report['seconds']['total']:.1f} s"
-    )

@@ -1,10 +1,10 @@
-"""Approximate every mesh file of a folder, one after the other; what is refused does not stop the rest.
+"""Approximate every mesh file of a folder, one after the other; a refused file does not stop the rest.
 
     blender --background --python examples/approximate_folder.py -- models results --preset fast
     python examples/approximate_folder.py models results --preset fast
 
-For each file there are, in the second folder: the result as .ply, its heat map as .png and its report as .json.
-Whatever follows the folders goes to `sparse_surface approximate` as it is.  On a render farm each machine can take
+For each file the second folder gets the result as .ply, its heat map as .png and its report as .json.
+All further arguments are passed on to `sparse_surface approximate`.  On a render farm each machine can take
 files of its own: --part 2/5 is the second of five.
 """
 
@@ -43,5 +43,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    # Blender goes on after a script; sys.exit ends it with the code.
+    # Blender keeps running after a script; sys.exit ends it with the code.
     sys.exit(main())

@@ -40,7 +40,7 @@ def select_meshes() -> None:
     """Select the meshes that can be seen, and make one of them active."""
     meshes = [each for each in bpy.context.view_layer.objects if each.type == "MESH" and each.visible_get()]
     if not meshes:
-        raise SystemExit("There is no mesh in the scene.")
+        raise SystemExit("The scene holds no mesh.")
     for each in bpy.context.view_layer.objects:
         each.select_set(each in meshes)
     bpy.context.view_layer.objects.active = meshes[0]

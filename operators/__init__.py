@@ -1,1 +1,56 @@
-"""What the add-on does in Blender: one operator a file, and `mesh_data`, the bridge between meshes and arrays."""
+"""What the add-on does in Blender: one operator a file, named as its `bl_idname`; what they share lies in the folders.
+
+The folders' imports go one way: `data`, `heat_map`, `representation` and `preview`, `run`, and then the operators.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+OPERATORS = (
+    "approximate",
+    "cancel",
+    "clear_inspection",
+    "compare",
+    "compare_methods",
+    "copy_statistics",
+    "domains_to_uv",
+    "finish",
+    "inspect_patch",
+    "preset_add",
+    "reconstruct",
+    "resample",
+    "separate_patches",
+    "show_heat_map",
+    "show_patches",
+)
+"""The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
+
+WATCHERS = ("run.session", "run.preloading", "preview.object")
+"""Modules with handlers for what happens in Blender."""
+
+
+def operator_classes() -> list[type]:
+    """Return the class of each operator."""
+    modules = [import_module(f".{name}", __package__) for name in OPERATORS]
+    return [getattr(module, f"SPARSE_SURFACE_OT_{name}") for module, name in zip(modules, OPERATORS, strict=True)]
+
+
+def register() -> None:
+    """Register every operator, and have the modules in `WATCHERS` told of what happens."""
+    import bpy  # the command line reads operators/files/formats.py without Blender
+
+    for operator in operator_classes():
+        bpy.utils.register_class(operator)
+    for name in WATCHERS:
+        import_module(f".{name}", __package__).register()
+
+
+def unregister() -> None:
+    """Undo `register`; a run that is under way is ended."""
+    import bpy
+
+    for name in reversed(WATCHERS):
+        import_module(f".{name}", __package__).unregister()
+    for operator in reversed(operator_classes()):
+        bpy.utils.unregister_class(operator)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from bpy.types import Context, Operator
 
-from .run import control as running
+from .run.session import session
 
 
 class SPARSE_SURFACE_OT_cancel(Operator):
-    """End the running approximation and drop what it has done so far"""
+    """End the running approximation and discard its work so far"""
 
     bl_idname = "sparse_surface.cancel"
     bl_label = "Cancel"
@@ -16,11 +16,8 @@ class SPARSE_SURFACE_OT_cancel(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        return running.current is not None
+        return session.current is not None
 
     def execute(self, context: Context) -> set[str]:
-        running.stop()  # the modal operator sees it at its next tick and takes back what it shows
+        session.stop()  # the modal operator sees it at its next tick and removes what it shows
         return {"FINISHED"}
-
-
-CLASSES = (SPARSE_SURFACE_OT_cancel,)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from bpy.types import Context, Operator
 
-from .run import control as running
+from .run.session import session
 
 
 class SPARSE_SURFACE_OT_finish(Operator):
-    """Stop refining and keep the best result so far; objects that were not begun are left out"""
+    """Stop refining and keep the best result so far; objects whose turn has not come are left out"""
 
     bl_idname = "sparse_surface.finish"
     bl_label = "Finish Now"
@@ -16,14 +16,10 @@ class SPARSE_SURFACE_OT_finish(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        return running.current is not None and not running.current.finishing
+        return session.current is not None and not session.current.finishing
 
     def execute(self, context: Context) -> set[str]:
-        run = running.current
-        if run is None:
+        if session.current is None:
             return {"CANCELLED"}
-        run.finish()
+        session.current.finish()
         return {"FINISHED"}
-
-
-CLASSES = (SPARSE_SURFACE_OT_finish,)

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Operator, SpaceView3D
 
 from .data.result_keys import ERROR_COLOUR, has_heat_map
+from .run.poll import needs
 
-# Flat light shows a colour as the legend does; the cavities keep the shape readable.
+# Flat light shows the colours of the legend; the cavities keep the shape readable.
 _HEAT_MAP_SHADING = {"color_type": "VERTEX", "light": "FLAT", "show_cavity": True, "cavity_type": "SCREEN"}
 
 
@@ -24,7 +26,7 @@ class Shading:
 
 
 _before: dict[int, Shading] = {}
-"""By the address of the viewport's space; forgotten when another file is loaded."""
+"""By the address of the viewport's space; cleared when another file is loaded."""
 
 
 def shows_heat_map(space: SpaceView3D | None) -> bool:
@@ -37,6 +39,18 @@ def anywhere_shown() -> bool:
     return bool(_before)
 
 
+def in_viewport(context: Context) -> str:
+    """The mouse is in a 3D viewport."""
+    return "" if isinstance(context.space_data, SpaceView3D) else rpt_("Only in a 3D viewport")
+
+
+def heat_map(context: Context) -> str:
+    """The viewport shows a heat map, or the active object has one."""
+    if shows_heat_map(context.space_data) or has_heat_map(context.active_object):
+        return ""
+    return rpt_("The active object has no heat map; approximate a mesh or compare two meshes first")
+
+
 class SPARSE_SURFACE_OT_show_heat_map(Operator):
     """Show the error of each vertex as its colour in this viewport; press again to return to the previous shading"""
 
@@ -44,15 +58,7 @@ class SPARSE_SURFACE_OT_show_heat_map(Operator):
     bl_label = "Show Heat Map"
     bl_options = {"INTERNAL"}
 
-    @classmethod
-    def poll(cls, context: Context) -> bool:
-        if not isinstance(context.space_data, SpaceView3D):
-            cls.poll_message_set("Only in a 3D viewport")
-            return False
-        if shows_heat_map(context.space_data) or has_heat_map(context.active_object):
-            return True
-        cls.poll_message_set("The active object has no heat map; approximate a mesh or compare two meshes first")
-        return False
+    poll = needs(in_viewport, heat_map)
 
     def execute(self, context: Context) -> set[str]:
         space = context.space_data
@@ -100,6 +106,3 @@ def _restore(space: SpaceView3D) -> None:
 def forget() -> None:
     """Forget what viewports showed before: they are gone."""
     _before.clear()
-
-
-CLASSES = (SPARSE_SURFACE_OT_show_heat_map,)

@@ -68,7 +68,7 @@ def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
 
 
 def settle(path: Path) -> None:
-    """Pack a zip anew, so that neither dates nor the order of a folder's files show in it."""
+    """Repack a zip in a fixed order with a fixed date, so that the same sources give the same bytes."""
     draft = path.with_suffix(".draft")
     with zipfile.ZipFile(path) as built, zipfile.ZipFile(draft, "w", compresslevel=9) as settled:
         for name in sorted(built.namelist(), key=lambda name: (name != MANIFEST, name)):
@@ -104,7 +104,7 @@ def zip_name(platform: str) -> str:
 
 
 def this_platform() -> str:
-    """Return Blender's name of the platform that this runs on, where there are wheels for it."""
+    """Return Blender's name for this platform, or `nowheels` if no wheels exist for it."""
     system = {"linux": "linux", "win32": "windows", "darwin": "macos"}.get(sys.platform, sys.platform)
     machine = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}.get(machine_name().lower(), machine_name().lower())
     name = f"{system}-{machine}"

@@ -10,11 +10,11 @@ import numpy as np
 from sparse_surface.benchmarks.generated_clouds import Cloud, airplane, ball, head, l_solid
 from sparse_surface.operators.data import base_mesh
 from sparse_surface.operators.data import meshes as mesh_data
-from sparse_surface.operators.data import points as cloud_data
 from sparse_surface.operators.data.colours import ColourScale
+from sparse_surface.operators.data.points import read_cloud
+from sparse_surface.operators.data.results import create_surface
 from sparse_surface.operators.heat_map.picture import render_heatmap
 from sparse_surface.operators.heat_map.point_shapes import create_point_shapes
-from sparse_surface.operators.reconstruct import read_cloud
 from sparse_surface.solver import CloudSettings, Settings, run_to_end
 from sparse_surface.solver.interchange import CloudOutcome
 from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
@@ -50,7 +50,7 @@ def reconstructed(
     source = read_cloud(bpy.context, points, base, 0, CloudSettings(), 0)
     result = run_to_end(reconstruct_arrays(source.arrays, Settings(workers=1)))
     scale = ColourScale(0.0, float(np.quantile(result.point_error, TOP_SHARE)))
-    surface = cloud_data.create_surface(bpy.context, source, result, scale)
+    surface = create_surface(bpy.context, source, result, scale)
     spacing = result.report["input"]["spacing"]
     shapes = create_point_shapes(f"{len(cloud.points):,} points", cloud.points, spacing, result.point_error, scale)
     bpy.context.scene.collection.objects.link(shapes)

@@ -44,7 +44,7 @@ def recipe(requirements: list[Path], constraints: list[Path], editable: bool) ->
 
 
 def recipe_of(folder: Path) -> dict[str, object]:
-    """Return the recipe that an environment was made by, empty where there is none or it is broken."""
+    """Return the recipe that an environment was made by, empty if it has none or is broken."""
     try:
         made_by = json.loads((folder / STAMP).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,7 +1,7 @@
 """Fetch the wheels that go into the extension zips, for platforms other than this one too.
 
 Versions and hashes stand in requirements/extension-cp*.txt; what is already in wheels/ with a pinned hash is not
-fetched again.  `python scripts/extension_wheels.py --pin` writes the hashes anew after a version was changed there.
+fetched again.  `python scripts/extension_wheels.py --pin` updates the hashes after a version was changed there.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def pin(python: str) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pin", action="store_true", help="write the hashes of the named versions anew")
+    parser.add_argument("--pin", action="store_true", help="update the hashes of the named versions")
     parser.add_argument("platforms", nargs="*", choices=[[], *PLATFORMS], metavar="PLATFORM", help=", ".join(PLATFORMS))
     options = parser.parse_args(arguments)
     try:

@@ -1,4 +1,4 @@
-"""Make the pictures of docs/ anew, all or those that are named.
+"""Make the pictures of docs/ again, all or those that are named.
 
 python scripts/figures.py                all of them: an hour
 python scripts/figures.py heat_map       one of docs/pictures

@@ -13,6 +13,7 @@ import sys
 
 from sparse_surface.benchmarks import measured
 from sparse_surface.solver import CloudSettings, Settings
+from sparse_surface.solver.patch_methods import METHODS
 
 BLOCK = re.compile(r"(<!--settings:(?P<group>\w+)-->\n)(?P<table>.*?)(<!--/settings-->)", re.DOTALL)
 
@@ -20,7 +21,7 @@ EVERYDAY = (
     *("method", "domains", "ring", "sparsity", "sweeps", "tolerance", "denoise", "denoise_strength", "noise_level"),
     *("mark_creases", "pin_boundary", "workers"),
 )
-PAPER = ("rho", "tau", "initial_fit", "regularisation", "rigidity_reference")
+PAPER = METHODS["paper"].own_settings
 """Settings of the paper's own iteration."""
 
 

@@ -70,7 +70,7 @@ def environment(name: str, row: Row) -> Path:
     Raises
     ------
     LookupError
-        When there is no such Python.
+        When this machine has no such Python.
     """
     environ = {key: value for key, value in os.environ.items() if key != "PYTHON"}
     find = [str(CHECKOUT / "scripts" / "find_python.sh"), row.python]

@@ -4,7 +4,7 @@
     python scripts/test_window.py test_panel             one of them
     python scripts/test_window.py --but test_job         all but one of them
     python scripts/test_window.py --where-available --shared-machine
-                                                         as CI: no failure where there is no Blender to test in, and
+                                                         as in CI: no failure if no Blender is found, and
                                                          times are judged as on a machine that others use, too
 
 The Blender is the executable that the environment variable BLENDER names (it needs a display), or else the tool
@@ -34,7 +34,7 @@ TIMEOUT = 600
 
 
 class Unavailable(Exception):
-    """There is no such Blender on this machine, for a reason which is not this project's."""
+    """The machine has no such Blender, for a reason that is not this project's."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def event_options(script: Path) -> list[str]:
 
 
 def blenders() -> list[Executable | ToolVersion]:
-    """Return the Blenders to test on, none where there is none."""
+    """Return the Blenders to test on; empty if none is found."""
     named = os.environ.get("BLENDER")
     if named:
         return [Executable(named)]

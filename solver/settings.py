@@ -87,22 +87,14 @@ class Settings(_Checked):
     )
     ring: int = number(7, 1, 50, "Patch radius in edge rings. Larger: fewer coefficients, less detail", soft=(2, 12))
     degree: int = number(
-        14,
-        0,
-        30,
-        "Highest total degree of the polynomials that a patch may use. Cost grows with its square",
-        soft=(2, 20),
+        14, 0, 30, "Highest total degree of a patch's polynomials. Cost grows with its square", soft=(2, 20)
     )
     sparsity: int = number(
-        15,
-        1,
-        496,
-        "How many polynomials each coordinate of a patch may use. Higher: closer fit, more time",
-        soft=(3, 60),
+        15, 1, 496, "Most polynomials for each coordinate of a patch. Higher: closer fit, more time", soft=(3, 60)
     )
     automatic_sparsity: bool = switch(
         False,
-        "Choose each patch's number of polynomials, up to the sparsity, by cross-validation. Up to four times the time",
+        "Choose the number of polynomials, up to the sparsity, by cross-validation. Takes up to four times as long",
     )
     domains: str = choice(
         "common",
@@ -118,18 +110,10 @@ class Settings(_Checked):
         tutte="Tutte's embedding in a circle",
     )
     iterations: int = number(
-        15,
-        0,
-        200,
-        "Largest number of steps of the domain optimisation. Patches that have settled stop sooner",
-        soft=(4, 40),
+        15, 0, 200, "Most steps of the domain optimisation. Settled patches stop sooner", soft=(4, 40)
     )
     sweeps: int = number(
-        1,
-        0,
-        20,
-        "Gauss-Seidel passes that make overlapping patches agree. Each costs almost half of the solve",
-        soft=(0, 5),
+        1, 0, 20, "Gauss-Seidel passes that make patches agree. Each costs almost half of the solve", soft=(0, 5)
     )
     blending: str = choice(
         AUTOMATIC,
@@ -203,7 +187,7 @@ class Settings(_Checked):
         1.0, 0.0, 10.0, "How much noise is removed, as a multiple of what is found. 0: none", soft=(0.0, 3.0)
     )
     noise_level: float = number(
-        0.0, 0.0, 1e12, "Standard deviation of the noise, in scene units. 0: estimated from the mesh"
+        0.0, 0.0, 1e12, "Standard deviation of the noise in scene units. 0: estimated from the mesh"
     )
     pin_boundary: bool = switch(False, "Keep the vertices of open borders where they are")
     workers: int = number(
@@ -277,17 +261,13 @@ class CloudSettings(_Checked):
         tukey="Points beyond a few noise levels do not count: for outliers",
     )
     noise: float = number(
-        0.0,
-        0.0,
-        1e12,
-        "Standard deviation of the points across the surface, in scene units. 0: estimated from the points",
+        0.0, 0.0, 1e12, "Standard deviation of the points' noise in scene units. 0: estimated from the points"
     )
     creases: bool = switch(
         True, "Estimate where smooth sides of the cloud meet and observe the surface there too: sharper creases"
     )
     fit_base: bool = switch(
-        True,
-        "Move the base to the points, and its vertices onto creases nearby, before the points are projected onto it",
+        True, "Move the base to the points, and its vertices onto nearby creases, before projecting the points"
     )
     corrections: int = number(
         2,

@@ -64,7 +64,7 @@ def _configure_hypothesis(*, long: bool) -> None:
 
 @pytest.fixture(scope="session")
 def shared_model() -> Callable[[str], Path]:
-    """Return a function that finds a downloaded model by file name and skips the test where there is none."""
+    """Return a function that finds a downloaded model by file name and skips the test if it is missing."""
 
     def find(name: str) -> Path:
         path = CHECKOUT.parent / "shared" / "models" / name

@@ -188,7 +188,7 @@ def test_denoising_by_preset_strength_and_level(tmp_path: Path) -> None:
     ("content", "name", "words"),
     [
         (None, "absent.obj", "There is no file"),
-        ("hello", "text.txt", "no kind that can be read"),
+        ("hello", "text.txt", "not a kind of file that can be read"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "points.obj", "no "),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line.obj", "no area"),
         ("", "empty.obj", "no mesh"),
@@ -545,6 +545,28 @@ def test_reconstruct_refuses(tmp_path: Path, content: str, options: tuple[str, .
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert [each.name for each in tmp_path.iterdir()] == ["scan.xyz"]
+
+
+WITHOUT_BLENDER = """
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name == "bpy":
+            raise ModuleNotFoundError(name=name)
+sys.meta_path.insert(0, Refuse())
+from sparse_surface.command_line.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [(("approximate", "--help"), 0), (("reconstruct", "a.ply", "--ring", "-1"), 2), (("compare", "a", "-o", "b.x"), 2)],
+)
+def test_help_and_usage_need_no_blender(tmp_path: Path, arguments: tuple[str, ...], code: int) -> None:
+    command = [sys.executable, "-c", WITHOUT_BLENDER, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert done.returncode == code, done.stderr
 
 
 def test_reconstruct_says_when_blender_is_missing(tmp_path: Path) -> None:

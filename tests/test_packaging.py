@@ -213,7 +213,7 @@ def test_find_python_skips_what_does_not_run(tmp_path: Path) -> None:
 def test_ci_does_not_fail_where_no_window_can_be_had(
     tool: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It says so in one line for each Blender; whoever asks for the window tests gets a failure."""
+    """It says so in one line for each Blender; asking for the window tests is a failure."""
     window = script("test_window")
     path = tmp_path / "real-blender"
     if tool == "broken":

@@ -36,7 +36,7 @@ def targets(text: str) -> list[list[str]]:
 
 
 def test_the_page_is_what_the_measurements_give(measured: dict[str, dict[str, Any]]) -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(measured), "write it anew: make figures"
+    assert PAGE.read_text(encoding="utf-8") == page(measured), "run `make figures`"
 
 
 def test_every_picture_that_the_page_shows_is_there_and_small() -> None:

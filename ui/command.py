@@ -1,4 +1,4 @@
-"""`blender --command sparse_surface ...`: the command line inside of Blender."""
+"""`blender --command sparse_surface ...`: the command line inside Blender."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ _handle: object | None = None
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line; returns the exit code."""
-    from ..command_line.main import main
+    """Run the command line and return its exit code."""
+    from ..command_line.main import main  # only who runs a command needs it
 
     return main(arguments)
 
@@ -23,7 +23,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take the command back."""
+    """Remove the command."""
     global _handle
     if _handle is not None:
         bpy.utils.unregister_cli_command(_handle)

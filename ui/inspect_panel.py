@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout, UIList
 
-from ..operators.data.result_keys import has_representation, read_report
-from ..operators.show_patches import has_patches, shows_patches
-from .panels import SidebarPanel
+from ..operators.data.result_keys import has_patches, has_representation, read_report, shows_patches
+from .panels import SubPanel
 
 
 class SPARSE_SURFACE_UL_terms(UIList):
@@ -34,10 +34,8 @@ class SPARSE_SURFACE_UL_terms(UIList):
             amounts.label(text=f"{amount:.2e}" if amount else "·", translate=False)
 
 
-class SPARSE_SURFACE_PT_representation(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_representation(SubPanel, Panel):
     bl_label = "Representation"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         column = self.column(context)
@@ -59,10 +57,9 @@ class SPARSE_SURFACE_PT_representation(SidebarPanel, Panel):
         column.operator("sparse_surface.domains_to_uv", icon="UV")
 
 
-class SPARSE_SURFACE_PT_inspect(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_inspect(SubPanel, Panel):
     bl_label = "Inspect Patch"
     bl_parent_id = "SPARSE_SURFACE_PT_representation"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         column = self.column(context)
@@ -79,10 +76,8 @@ class SPARSE_SURFACE_PT_inspect(SidebarPanel, Panel):
             draw_inspection(self.layout, inspection)
 
 
-class SPARSE_SURFACE_PT_compare(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_compare(SubPanel, Panel):
     bl_label = "Compare Methods"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         comparison = context.scene.sparse_surface.comparison
@@ -115,3 +110,5 @@ CLASSES = (
     SPARSE_SURFACE_PT_inspect,
     SPARSE_SURFACE_PT_compare,
 )
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

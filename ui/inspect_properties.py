@@ -24,18 +24,18 @@ class SparseSurfaceTerm(PropertyGroup):
 
 
 class SparseSurfaceEnergy(PropertyGroup):
-    """What a patch minimises, after one iteration, relative to the first one."""
+    """A patch's energy after one iteration, relative to the first."""
 
     value: FloatProperty(name="Energy")
 
 
 class SparseSurfaceInspection(PropertyGroup):
-    """The patch that is looked at."""
+    """The patch that is shown."""
 
     patch: IntProperty(name="Patch", description="Number of the patch, as in the attribute 'patch'", default=0, min=0)
     splits: IntProperty(
         name="Splits",
-        description="Into how many parts every edge is split. The number of faces grows with its square",
+        description="Number of parts of every edge. The number of faces grows with its square",
         default=2,
         min=1,
         max=MOST_SPLITS,
@@ -56,7 +56,7 @@ def _choices() -> list[tuple[str, str, str]]:
 
 
 class SparseSurfaceComparison(PropertyGroup):
-    """What is compared with what."""
+    """The two settings to compare."""
 
     first: EnumProperty(
         name="First", description="Settings of the result at the left", items=_choices(), default="SCENE"

@@ -1,12 +1,15 @@
-"""The legend of the heat map: what it consists of (a pure function), and how it is drawn over a viewport."""
+"""The legend of the heat map: its layout (a pure function), and how it is drawn over a viewport."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import blf
 import bpy
+import gpu
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, SpaceView3D
+from gpu_extras.batch import batch_for_shader
 
 from ..operators.data.result_keys import SCALE, has_heat_map
 from ..operators.show_heat_map import anywhere_shown, forget, shows_heat_map
@@ -37,7 +40,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Legend:
-    """What is drawn: bands of colour from bottom to top, tick marks and words."""
+    """Bands of colour from bottom to top, tick marks and words."""
 
     bands: tuple[Band, ...]
     ticks: tuple[float, ...]
@@ -109,12 +112,12 @@ def tick_values(low: float, high: float) -> list[float]:
 
 
 def tick_digits(values: list[float]) -> int:
-    """Return how many significant digits tell the values apart."""
+    """Return the number of significant digits that tells the values apart."""
     return next((d for d in range(2, 7) if len({f"{v:.{d}g}" for v in values}) == len(values)), 6)
 
 
 def unit_of(context: Context) -> tuple[str, float]:
-    """Return the short name of the scene's unit of length, and how many of it one Blender unit is."""
+    """Return the short name of the scene's unit of length, and its number in one Blender unit."""
     units = context.scene.unit_settings
     named = {
         "KILOMETERS": ("km", 1e-3), "METERS": ("m", 1.0), "CENTIMETERS": ("cm", 1e2), "MILLIMETERS": ("mm", 1e3),
@@ -132,7 +135,7 @@ _handle: object | None = None
 
 
 def draw() -> None:
-    """Draw the active object's legend, where this viewport shows a heat map."""
+    """Draw the active object's legend if this viewport shows a heat map."""
     context = bpy.context
     if not anywhere_shown() or not shows_heat_map(context.space_data) or not has_heat_map(context.active_object):
         return
@@ -153,16 +156,13 @@ def draw() -> None:
 
 
 def _toolbar_width(context: Context) -> float:
-    """Return how much of the viewport's left side the toolbar covers."""
+    """Return the width of the toolbar that covers the viewport's left side."""
     overlap = context.preferences.system.use_region_overlap
     toolbars = [region for region in context.area.regions if region.type == "TOOLS" and region.alignment == "LEFT"]
     return float(max((region.width for region in toolbars if overlap and region.width > 1), default=0))
 
 
 def _draw_bands(legend: Legend, two_colours: bool) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     from ..operators.data.colours import INSIDE, OUTSIDE, STEPS, linear_to_srgb, ramp
 
     positions: list[tuple[float, float]] = []
@@ -187,8 +187,6 @@ def _draw_bands(legend: Legend, two_colours: bool) -> None:
 
 
 def _draw_words(legend: Legend, interface: float, context: Context) -> None:
-    import blf
-
     blf.size(0, TEXT_SIZE * interface)
     blf.color(0, *context.preferences.themes[0].view_3d.space.text_hi, 1.0)
     blf.enable(0, blf.SHADOW)
@@ -213,7 +211,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Draw no more."""
+    """Stop drawing."""
     global _handle
     if _handle is not None:
         SpaceView3D.draw_handler_remove(_handle, "WINDOW")

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
+import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout
 
-from ..operators.approximate import reason_against, selected_meshes
-from ..operators.copy_statistics import rows_of
+from ..operators.data.objects import selected_meshes
+from ..operators.data.report_text import rows
 from ..operators.data.result_keys import read_report
-from ..operators.run import control as running
 from ..operators.run import preloading
+from ..operators.run.control import Run
 from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
-from ..operators.run.requirements import missing_packages
+from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
+from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
 from ..operators.show_heat_map import shows_heat_map
 from ..solver.patch_methods import METHODS
@@ -28,11 +31,10 @@ SWEEPS = ("sweeps", "blending")
 NOISE = ("denoise", "denoise_strength", "noise_level")
 OUTPUT = ("keep_iterations", "workers")
 
-
 MORE = tuple(
     name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *OF_ONE_METHOD, *SWEEPS, *NOISE, *OUTPUT}
 )
-"""Settings without a place of their own."""
+"""Settings that no other group names."""
 
 
 class SidebarPanel:
@@ -45,8 +47,13 @@ class SidebarPanel:
         layout = self.layout  # type: ignore[attr-defined]
         layout.use_property_split = True
         layout.use_property_decorate = False
-        layout.enabled = running.current is None
+        layout.enabled = session.current is None
         return layout.column()
+
+
+class SubPanel(SidebarPanel):
+    bl_parent_id = "SPARSE_SURFACE_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
 
 
 class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
@@ -56,14 +63,15 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         SPARSE_SURFACE_PT_presets.draw_panel_header(self.layout)
 
     def draw(self, context: Context) -> None:
-        if running.current is not None:
-            draw_progress(self.layout, running.current)
+        if session.current is not None:
+            draw_progress(self.layout, session.current)
             return
         preloading.preload()
-        if missing_packages():
-            draw_lines(self.layout, reason_against(context), "ERROR")
-        elif running.notice:
-            draw_lines(self.layout, running.notice, "INFO")
+        missing = packages(context)
+        if missing:
+            draw_lines(self.layout, missing, "ERROR")
+        elif session.notice:
+            draw_lines(self.layout, session.notice, "INFO")
         column = self.column(context)
         for name in MAIN:
             column.prop(context.scene.sparse_surface, name)
@@ -75,10 +83,8 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         button.operator("sparse_surface.approximate", text=text, icon="MOD_SMOOTH", translate=False)
 
 
-class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_domain(SubPanel, Panel):
     bl_label = "Domain and Regularisation"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
@@ -96,10 +102,8 @@ class SPARSE_SURFACE_PT_domain(SidebarPanel, Panel):
             row.prop(settings, name)
 
 
-class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_sweeps(SubPanel, Panel):
     bl_label = "Sweeps and Blending"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         column = self.column(context)
@@ -107,10 +111,8 @@ class SPARSE_SURFACE_PT_sweeps(SidebarPanel, Panel):
             column.prop(context.scene.sparse_surface, name)
 
 
-class SPARSE_SURFACE_PT_noise(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_noise(SubPanel, Panel):
     bl_label = "Noise"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
@@ -123,10 +125,8 @@ class SPARSE_SURFACE_PT_noise(SidebarPanel, Panel):
             how.prop(settings, name)
 
 
-class SPARSE_SURFACE_PT_points(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_points(SubPanel, Panel):
     bl_label = "Points to Surface"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface.reconstruction
@@ -143,14 +143,12 @@ class SPARSE_SURFACE_PT_points(SidebarPanel, Panel):
         column.prop(settings, "point_errors")
         button = self.layout.row()
         button.scale_y = 1.5
-        button.enabled = running.current is None
+        button.enabled = session.current is None
         button.operator("sparse_surface.reconstruct", icon="POINTCLOUD_DATA")
 
 
-class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_output(SubPanel, Panel):
     bl_label = "Input and Output"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
@@ -172,10 +170,8 @@ class SPARSE_SURFACE_PT_output(SidebarPanel, Panel):
             column.prop(settings, name)
 
 
-class SPARSE_SURFACE_PT_display(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_display(SubPanel, Panel):
     bl_label = "Display"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         display = context.scene.sparse_surface.display
@@ -203,10 +199,8 @@ class SPARSE_SURFACE_PT_display(SidebarPanel, Panel):
         column.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
 
 
-class SPARSE_SURFACE_PT_statistics(SidebarPanel, Panel):
+class SPARSE_SURFACE_PT_statistics(SubPanel, Panel):
     bl_label = "Statistics"
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: Context) -> None:
         report = read_report(context.active_object)
@@ -220,8 +214,8 @@ class SPARSE_SURFACE_PT_statistics(SidebarPanel, Panel):
         self.layout.operator("sparse_surface.separate_patches", icon="OUTLINER_COLLECTION")
 
 
-def draw_progress(layout: UILayout, run: running.Run) -> None:
-    """Show how far a run is, and the ways to end it."""
+def draw_progress(layout: UILayout, run: Run) -> None:
+    """Show the progress of a run, and the buttons that end it."""
     column = layout.column()
     if run.waiting:
         draw_lines(column, iface_("The surface is ready: return to Object Mode to receive it"), "INFO")
@@ -241,9 +235,9 @@ def draw_progress(layout: UILayout, run: running.Run) -> None:
 
 
 def draw_estimate(layout: UILayout, context: Context) -> None:
-    """Say how many patches there will be and how long they will take, and warn of large meshes."""
+    """Show the estimated patch count and run time, and warn of large meshes."""
     count = sum(vertex_count(chosen, context) for chosen in selected_meshes(context))
-    if not count or reason_against(context):
+    if not count or reason_against(context, *MESHES_TO_SOLVE):
         return
     expected = estimate(count, context.scene.sparse_surface.to_settings())
     text = iface_("About {} patches, {}").format(expected.patches, duration_text(expected.seconds))
@@ -260,11 +254,11 @@ def draw_statistics(layout: UILayout, report: dict[str, Any]) -> None:
     column = layout.column(align=True)
     tolerance = report["settings"]["tolerance"]
     if tolerance:
-        measured = report["denoise"]["fit"] if "denoise" in report else report  # noise is no error of the fit
+        measured = report["denoise"]["fit"] if "denoise" in report else report  # noise is not an error of the fit
         kept = measured["surface_error"]["max"] <= tolerance
         text = iface_("Within the tolerance") if kept else iface_("Exceeds the tolerance")
         column.label(text=f"{text} ({tolerance:.4g})", icon="CHECKMARK" if kept else "ERROR", translate=False)
-    for label, value in rows_of(report):
+    for label, value in rows(report):
         split = column.split(factor=0.6)
         split.label(text=label)
         split.label(text=f"{value:.4g}" if isinstance(value, float) else str(value), translate=False)
@@ -272,8 +266,6 @@ def draw_statistics(layout: UILayout, report: dict[str, Any]) -> None:
 
 def draw_lines(layout: UILayout, text: str, icon: str) -> None:
     """Show a sentence in lines that fit a narrow sidebar."""
-    import textwrap
-
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, 34)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1", translate=False)
@@ -289,3 +281,5 @@ CLASSES = (
     SPARSE_SURFACE_PT_display,
     SPARSE_SURFACE_PT_statistics,
 )
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

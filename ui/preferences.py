@@ -20,7 +20,7 @@ class SparseSurfacePreferences(AddonPreferences):
 
     workers: IntProperty(
         name="Workers",
-        description="Processes that solve patches, where a scene names no number. 0: one for each physical core",
+        description="Processes that solve patches, for scenes that name no number. 0: one for each physical core",
         default=0,
         min=0,
         max=256,
@@ -28,7 +28,7 @@ class SparseSurfacePreferences(AddonPreferences):
     )
     default_preset: EnumProperty(
         name="Default Preset",
-        description="Settings of a scene in which none was ever changed",
+        description="Settings of scenes in which no setting was ever changed",
         items=[(name, name.title(), "") for name in PRESETS],
         default="default",
         update=_take_preset,
@@ -46,7 +46,7 @@ class SparseSurfacePreferences(AddonPreferences):
             split.label(text=name)
             split.label(text=version, translate=False)
         if missing_packages():
-            column.label(text="Install the add-on's zip for your platform: it brings what is missing", icon="ERROR")
+            column.label(text="Install the add-on's zip for your platform: it includes what is missing", icon="ERROR")
 
 
 @bpy.app.handlers.persistent
@@ -61,20 +61,19 @@ def apply_default_preset(*_: object) -> None:
 
 
 def is_untouched(scene: Scene) -> bool:
-    """Whether every setting of a scene is still what Blender made it."""
+    """Whether no setting of a scene was ever changed."""
     settings = scene.sparse_surface
     names = [each.identifier for each in settings.bl_rna.properties if each.identifier != "rna_type"]
     return not any(settings.is_property_set(name) for name in names)
 
 
 def register() -> None:
-    """Look at the scenes of every file that is loaded."""
+    """Register the preferences, and apply the default preset to every file that is loaded."""
+    bpy.utils.register_class(SparseSurfacePreferences)
     bpy.app.handlers.load_post.append(apply_default_preset)
 
 
 def unregister() -> None:
-    """Leave files alone."""
+    """Undo `register`."""
     bpy.app.handlers.load_post.remove(apply_default_preset)
-
-
-CLASSES = (SparseSurfacePreferences,)
+    bpy.utils.unregister_class(SparseSurfacePreferences)

@@ -1,14 +1,15 @@
-"""Presets with Blender's own system: those of the solver come as files in `presets/`, users save theirs beside."""
+"""Presets with Blender's own system: the solver's are files in `presets/`, and users save theirs beside them."""
 
 from __future__ import annotations
 
-from bl_operators.presets import AddPresetBase
-from bl_ui.utils import PresetPanel
-from bpy.types import Menu, Operator, Panel
+from pathlib import Path
 
-from .properties import SOLVER_NAMES
+import bpy
+from bl_ui.utils import PresetPanel
+from bpy.types import Menu, Panel
 
 FOLDER = "sparse_surface"
+PATH = str(Path(__file__).parent.parent)
 
 
 class SPARSE_SURFACE_MT_presets(Menu):
@@ -18,17 +19,6 @@ class SPARSE_SURFACE_MT_presets(Menu):
     draw = Menu.draw_preset
 
 
-class SPARSE_SURFACE_OT_preset_add(AddPresetBase, Operator):
-    """Save the current settings as a preset, or remove one"""
-
-    bl_idname = "sparse_surface.preset_add"
-    bl_label = "Add Sparse Surface Preset"
-    preset_menu = "SPARSE_SURFACE_MT_presets"
-    preset_defines = ("settings = bpy.context.scene.sparse_surface",)
-    preset_values = tuple(f"settings.{name}" for name in SOLVER_NAMES)
-    preset_subdir = FOLDER
-
-
 class SPARSE_SURFACE_PT_presets(PresetPanel, Panel):
     bl_label = "Sparse Surface Presets"
     preset_subdir = FOLDER
@@ -36,4 +26,18 @@ class SPARSE_SURFACE_PT_presets(PresetPanel, Panel):
     preset_add_operator = "sparse_surface.preset_add"
 
 
-CLASSES = (SPARSE_SURFACE_MT_presets, SPARSE_SURFACE_OT_preset_add, SPARSE_SURFACE_PT_presets)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (SPARSE_SURFACE_MT_presets, SPARSE_SURFACE_PT_presets)
+)
+
+
+def register() -> None:
+    """Register menu and panel, and let Blender find the solver's presets."""
+    _register_classes()
+    bpy.utils.register_preset_path(PATH)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    bpy.utils.unregister_preset_path(PATH)
+    _unregister_classes()

@@ -1,19 +1,16 @@
-"""The settings of a scene: those of the solver, made from its own list, and those of Blender's side."""
+"""The settings of a scene: the solver's, made from its own list, and those that only Blender needs."""
 
 from __future__ import annotations
 
 import dataclasses
 from typing import Any
 
+import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from bpy.types import Context, Object, PropertyGroup
 
-from ..operators.heat_map.scale import recolour_scene
 from ..solver.settings import MOST_SPLITS, PRESETS, CloudSettings, Settings
 from . import inspect_properties
-
-CONTEXT = "Sparse Surface"
-"""Translation context: several of these words mean something else in other parts of Blender."""
 
 NAMES = {
     "beta1": "Stay at Start",
@@ -27,7 +24,7 @@ NAMES = {
     "creases": "Find Creases",
     "fit_base": "Fit the Base",
 }
-"""Names of settings that are not just their identifier in title case."""
+"""Names of settings where they differ from the identifier in title case."""
 
 CHOICE_NAMES = {
     "auto": "Automatic",
@@ -47,9 +44,6 @@ CHOICE_NAMES = {
 
 LENGTHS = {"tolerance", "noise_level", "noise"}
 """Settings in scene units."""
-
-FLOAT_MAXIMUM = 1e12
-"""Beyond this Blender's single precision serves no purpose."""
 
 
 def setting_name(name: str) -> str:
@@ -76,11 +70,13 @@ def solver_property(item: dataclasses.Field) -> Any:
 
 
 def plain_value(value: Any) -> Any:
-    """Return a property's value as the solver's settings hold it: 0.2, not its nearest single-precision number."""
+    """Return a property's value as the solver's settings hold it: 0.2, not the nearest single-precision number."""
     return float(f"{value:.7g}") if isinstance(value, float) else value
 
 
 def _recolour(display: PropertyGroup, context: Context) -> None:
+    from ..operators.heat_map.scale import recolour_scene  # NumPy-heavy: enabling the add-on loads this module
+
     recolour_scene(context.scene)
 
 
@@ -93,7 +89,7 @@ class SparseSurfaceDisplay(PropertyGroup):
         items=[
             ("AUTOMATIC", "Automatic", "The largest error of each object"),
             ("FIXED", "Fixed", "A value of your choice, the same for all objects, so that they can be compared"),
-            ("PERCENTILE", "Percentile", "A percentile of each object's errors: few outliers do not hide the rest"),
+            ("PERCENTILE", "Percentile", "A percentile of each object's errors: a few outliers do not hide the rest"),
         ],
         default="AUTOMATIC",
         update=_recolour,
@@ -111,7 +107,7 @@ class SparseSurfaceDisplay(PropertyGroup):
     )
     range_percentile: FloatProperty(
         name="Percentile",
-        description="Share of the vertices whose error lies inside of the range",
+        description="Share of the vertices whose error lies within the range",
         default=95.0,
         min=1.0,
         max=100.0,
@@ -120,13 +116,13 @@ class SparseSurfaceDisplay(PropertyGroup):
     )
     inside_outside: BoolProperty(
         name="Inside / Outside",
-        description="Two colours only: within the tolerance and outside of it",
+        description="Two colours only: within the tolerance and beyond it",
         default=False,
         update=_recolour,
     )
     tolerance: FloatProperty(
         name="Tolerance",
-        description="Largest error that counts as inside, where the settings name no tolerance of their own",
+        description="Largest error that counts as inside, if the settings name no tolerance of their own",
         default=0.001,
         min=1e-12,
         soft_max=10.0,
@@ -137,7 +133,7 @@ class SparseSurfaceDisplay(PropertyGroup):
     )
     isolate: BoolProperty(
         name="Hide the Rest",
-        description="Show only objects with a heat map in this viewport (local view): originals do not shine through",
+        description="Show only objects with a heat map in this viewport (local view): originals do not hide them",
         default=True,
     )
 
@@ -157,7 +153,7 @@ class SparseSurfaceReconstruction(PropertyGroup):
     )
     base_vertices: IntProperty(
         name="Base Vertices",
-        description="About how many vertices a base has that is made from the points. 0: one for every sixty points",
+        description="Approximate number of vertices of a base made from the points. 0: one for every sixty points",
         default=0,
         min=0,
         max=200_000,
@@ -165,7 +161,7 @@ class SparseSurfaceReconstruction(PropertyGroup):
     )
     splits: IntProperty(
         name="Resolution",
-        description="Into how many parts every edge of the base is split to evaluate the surface. "
+        description="Number of parts of every edge of the base where the surface is evaluated. "
         "0: about as many vertices as there are points",
         default=0,
         min=0,
@@ -206,7 +202,7 @@ class SparseSurfaceSettings(PropertyGroup):
     )
     hide_original: BoolProperty(
         name="Hide Original",
-        description="Hide the source object in the viewport when its result is there",
+        description="Hide the source object in the viewport once its result exists",
         default=False,
     )
     show_preview: BoolProperty(
@@ -256,4 +252,18 @@ CLOUD_NAMES = tuple(item.name for item in dataclasses.fields(CloudSettings))
 for _item in dataclasses.fields(CloudSettings):
     SparseSurfaceReconstruction.__annotations__[_item.name] = solver_property(_item)
 
-CLASSES = (SparseSurfaceDisplay, SparseSurfaceReconstruction, *inspect_properties.CLASSES, SparseSurfaceSettings)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (SparseSurfaceDisplay, SparseSurfaceReconstruction, *inspect_properties.CLASSES, SparseSurfaceSettings)
+)
+
+
+def register() -> None:
+    """Give every scene its settings."""
+    _register_classes()
+    bpy.types.Scene.sparse_surface = PointerProperty(type=SparseSurfaceSettings, name="Sparse Surface")
+
+
+def unregister() -> None:
+    """Remove the settings from scenes."""
+    del bpy.types.Scene.sparse_surface
+    _unregister_classes()

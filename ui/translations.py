@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bpy
+
 _GERMAN = {
     "Approximate": "Annähern",
     "Cancel": "Abbrechen",
@@ -24,3 +26,13 @@ _GERMAN = {
 }
 
 DICTIONARY = {"de": {("*", english): german for english, german in _GERMAN.items()}}
+
+
+def register() -> None:
+    """Add the words to Blender's."""
+    bpy.app.translations.register(__name__, DICTIONARY)
+
+
+def unregister() -> None:
+    """Remove them."""
+    bpy.app.translations.unregister(__name__)

@@ -1,184 +1,122 @@
-"""Data layers on a resampled mesh: everything that the original carries beside its positions, interpolated."""
+"""The one door to the values that Blender keeps for the elements of a mesh: attributes by name, all values at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
-from bpy.types import Mesh, Object
+from bpy.types import Mesh
 from numpy.typing import NDArray
 
-from ...solver.surface.resampling import Resampled
-from .result_keys import ERROR, ERROR_COLOUR
+from ...solver.errors import InputError
+from .result_keys import DOMAIN_STRETCH, ERROR, ERROR_COLOUR, GAP, PATCH, PATCH_COLOUR, WEIGHT
 
-Indices = NDArray[np.int64]
+Values = NDArray[Any]
 
-# For `foreach_get`: the name of an element's value and its width; whether values between two others make sense.
-_KINDS = {
-    "FLOAT": ("value", 1, True),
-    "FLOAT2": ("vector", 2, True),
-    "FLOAT_VECTOR": ("vector", 3, True),
-    "FLOAT_COLOR": ("color", 4, True),
-    "BYTE_COLOR": ("color", 4, True),
-    "INT": ("value", 1, False),
-    "INT8": ("value", 1, False),
-    "INT16_2D": ("value", 2, False),
-    "INT32_2D": ("value", 2, False),
-    "BOOLEAN": ("value", 1, False),
-    "QUATERNION": ("value", 4, False),
-    "FLOAT4X4": ("value", 16, False),
+
+class Kind(NamedTuple):
+    """How an element of an attribute holds its value, and whether a value between two others makes sense."""
+
+    value: str
+    width: int
+    number: type
+    blends: bool
+
+
+KINDS = {
+    "FLOAT": Kind("value", 1, np.float32, True),
+    "FLOAT2": Kind("vector", 2, np.float32, True),
+    "FLOAT_VECTOR": Kind("vector", 3, np.float32, True),
+    "FLOAT_COLOR": Kind("color", 4, np.float32, True),
+    "BYTE_COLOR": Kind("color", 4, np.float32, True),
+    "INT": Kind("value", 1, np.int32, False),
+    "INT8": Kind("value", 1, np.int32, False),
+    "INT16_2D": Kind("value", 2, np.int32, False),
+    "INT32_2D": Kind("value", 2, np.int32, False),
+    "BOOLEAN": Kind("value", 1, np.bool_, False),
+    "QUATERNION": Kind("value", 4, np.float32, False),
+    "FLOAT4X4": Kind("value", 16, np.float32, False),
 }
+"""By Blender's name of the data type."""
 
-# What Blender computes itself, what no longer holds on another mesh, and what is written anew.
-_LEFT_OUT = {"position", ".edge_verts", ".corner_vert", ".corner_edge", "custom_normal", ERROR, ERROR_COLOUR}
-_LEFT_OUT_BEGINNINGS = (".select", ".hide", ".pn.", ".vs.", ".es.")
+OWN = {
+    ERROR: ("FLOAT", "POINT"),
+    ERROR_COLOUR: ("FLOAT_COLOR", "POINT"),
+    PATCH: ("INT", "POINT"),
+    DOMAIN_STRETCH: ("FLOAT", "FACE"),
+    PATCH_COLOUR: ("FLOAT_COLOR", "POINT"),
+    WEIGHT: ("FLOAT", "POINT"),
+    GAP: ("FLOAT", "POINT"),
+}
+"""Data type and domain of each attribute that the add-on writes."""
 
-
-@dataclass(frozen=True)
-class Layer:
-    """An attribute with its values, (elements, width)."""
-
-    name: str
-    kind: str
-    domain: str
-    values: NDArray[Any]
-
-    @property
-    def between(self) -> bool:
-        """Whether values between two others make sense."""
-        return _KINDS[self.kind][2]
+OF_USER = "{} (source)"
+"""What a user's layer is called whose name the add-on needs."""
 
 
-def interpolate_layers(source: Object, made: Object, resampled: Resampled) -> None:
-    """Give a resampled object the materials, attributes, UV maps, edge marks and vertex groups of its source.
+def read(mesh: Mesh, name: str) -> Values:
+    """Return the values of an attribute, (n,), or (n, width) where an element has several numbers."""
+    layer = mesh.attributes[name]
+    kind = KINDS[layer.data_type]
+    return fetch(layer.data, kind.value, kind.number, kind.width)
+
+
+def write(mesh: Mesh, values: Mapping[str, Values], kinds: Mapping[str, tuple[str, str]] = OWN) -> None:
+    """Write attributes by name; those that the mesh lacks are created.
+
+    A user's layer that holds something else under the same name is kept under another name.
 
     Parameters
     ----------
-    source
-        The object whose mesh has the topology that was resampled.
-    made
-        An object with the mesh of `resampled` (see `mesh_data.create_mesh`).
+    values
+        For each name the values, (n,) or (n, width).
+    kinds
+        Data type and domain of each name.
+
+    Raises
+    ------
+    InputError
+        When a vertex group has one of the names: Blender then allows no attribute of that name.
     """
-    for slot in source.material_slots:
-        made.data.materials.append(slot.material)
-    edges = _edges_on_source_edges(source.data, made.data, resampled)
-    transfers: dict[str, Callable[[Layer], NDArray[Any]]] = {
-        "POINT": lambda layer: _interpolated(layer, resampled.at_vertices),
-        "CORNER": lambda layer: _interpolated(layer, resampled.at_corners),
-        "FACE": lambda layer: layer.values[resampled.source_face],
-        "EDGE": lambda layer: _along_edges(layer, edges, len(made.data.edges)),
-    }
-    layers = [layer for layer in read_layers(source.data) if layer.domain in transfers]
-    write_layers(made.data, [Layer(la.name, la.kind, la.domain, transfers[la.domain](la)) for la in layers])
-    _choose_same_maps(source.data, made.data)
-    _interpolate_groups(source, made, resampled)
-
-
-def read_layers(mesh: Mesh) -> list[Layer]:
-    """Copy every attribute that can be carried over."""
-    found = []
-    for attribute in mesh.attributes:
-        name = attribute.name
-        if attribute.data_type not in _KINDS or name in _LEFT_OUT or name.startswith(_LEFT_OUT_BEGINNINGS):
-            continue
-        value, width, between = _KINDS[attribute.data_type]
-        number = np.float32 if between or attribute.data_type in {"QUATERNION", "FLOAT4X4"} else np.int32
-        values = np.empty(width * len(attribute.data), dtype=bool if attribute.data_type == "BOOLEAN" else number)
-        attribute.data.foreach_get(value, values)
-        found.append(Layer(name, attribute.data_type, attribute.domain, values.reshape(-1, width)))
-    return found
-
-
-def write_layers(mesh: Mesh, layers: list[Layer]) -> None:
-    """Write attributes; all are made before any is filled: up to Blender 5.0 a handle goes stale with the next one."""
-    for layer in layers:
-        there = mesh.attributes.get(layer.name)
-        if there is None or (there.data_type, there.domain) != (layer.kind, layer.domain):
-            mesh.attributes.new(layer.name, layer.kind, layer.domain)
-    for layer in layers:
-        data = mesh.attributes[layer.name].data
-        kind = bool if layer.kind == "BOOLEAN" else np.float32 if layer.values.dtype.kind == "f" else np.int32
-        data.foreach_set(_KINDS[layer.kind][0], np.ascontiguousarray(layer.values, dtype=kind).ravel())
+    # Create all before filling any: up to Blender 5.0 `attributes.new` invalidates the layers fetched before it.
+    for name in values:
+        _create(mesh, name, *kinds[name])
+    for name, array in values.items():
+        kind = KINDS[kinds[name][0]]
+        put(mesh.attributes[name].data, kind.value, array, kind.number)
+    if ERROR_COLOUR in values:
+        show_colours(mesh, ERROR_COLOUR)
     mesh.update()
 
 
-def _interpolated(layer: Layer, interpolation: Any) -> NDArray[Any]:
-    values: NDArray[Any] = interpolation.linear(layer.values) if layer.between else interpolation.nearest(layer.values)
-    return values
+def _create(mesh: Mesh, name: str, kind: str, domain: str) -> None:
+    present = mesh.attributes.get(name)
+    if present is not None and (present.data_type, present.domain) == (kind, domain):
+        return
+    if present is not None:
+        present.name = OF_USER.format(name)
+    mesh.attributes.new(name, kind, domain)
+    if name not in mesh.attributes:
+        raise InputError(f"A vertex group has the name '{name}', which the heat map needs; rename it first.")
 
 
-def _along_edges(layer: Layer, edges: tuple[Indices, Indices], count: int) -> NDArray[Any]:
-    """Values of the source's edges on the parts of them; nothing on edges inside of its faces."""
-    made, of_source = edges
-    values = np.zeros((count, layer.values.shape[1]), dtype=layer.values.dtype)
-    values[made] = layer.values[of_source]
-    return values
+def show_colours(mesh: Mesh, name: str) -> None:
+    """Make a colour attribute the active one, in viewports and renders, if the mesh has it."""
+    colours = mesh.color_attributes
+    index = colours.find(name)
+    if index >= 0:
+        colours.active_color_index = colours.render_color_index = index
+        mesh.update()
 
 
-def _edges_on_source_edges(source: Mesh, made: Mesh, resampled: Resampled) -> tuple[Indices, Indices]:
-    """Edges of the new mesh that lie on edges of the source, and those edges."""
-    parts = np.stack([resampled.chains[:, :-1], resampled.chains[:, 1:]], axis=2)
-    loose = loose_edges(source)
-    pairs = np.concatenate([parts.reshape(-1, 2), loose])
-    whole = np.concatenate([np.repeat(resampled.edges, parts.shape[1], axis=0), loose])
-    return _find_pairs(read_edges(made), pairs), _find_pairs(read_edges(source), whole)
+def fetch(elements: Any, value: str, number: type = np.float32, width: int = 1) -> Values:
+    """Copy one property of every element of a collection, (n,) or (n, width)."""
+    values: Values = np.empty(width * len(elements), dtype=number)
+    elements.foreach_get(value, values)
+    return values.reshape(-1, width) if width > 1 else values
 
 
-def read_edges(mesh: Mesh) -> Indices:
-    """Vertices of a mesh's edges, (E, 2)."""
-    pairs = np.empty(2 * len(mesh.edges), dtype=np.int32)
-    mesh.edges.foreach_get("vertices", pairs)
-    return pairs.reshape(-1, 2).astype(np.int64)
-
-
-def loose_edges(mesh: Mesh) -> Indices:
-    """Vertices of the edges that belong to no face, (E, 2)."""
-    used = np.empty(len(mesh.loops), dtype=np.int32)
-    mesh.loops.foreach_get("edge_index", used)
-    free = np.ones(len(mesh.edges), dtype=bool)
-    free[used] = False
-    return read_edges(mesh)[free]
-
-
-def _find_pairs(edges: Indices, pairs: Indices) -> Indices:
-    """Where the pairs stand among the edges; all of them do."""
-    width = int(edges.max(initial=0)) + 1
-    keys, wanted = (np.sort(ends, axis=1) @ np.array([width, 1]) for ends in (edges, pairs))
-    order = np.argsort(keys, kind="stable")
-    places: Indices = order[np.searchsorted(keys[order], wanted)]
-    return places
-
-
-def _choose_same_maps(source: Mesh, made: Mesh) -> None:
-    if source.uv_layers.active is not None:
-        made.uv_layers.active = made.uv_layers[source.uv_layers.active.name]
-    for layer in source.uv_layers:
-        made.uv_layers[layer.name].active_render = layer.active_render
-
-
-def _interpolate_groups(source: Object, made: Object, resampled: Resampled) -> None:
-    """Carry vertex groups over; Blender has no way to write their weights at once but by equal weights."""
-    weights: dict[int, NDArray[np.float32]] = {}
-    for vertex in source.data.vertices:
-        for entry in vertex.groups:
-            column = weights.setdefault(entry.group, np.zeros(len(source.data.vertices), dtype=np.float32))
-            column[vertex.index] = entry.weight
-    for group in source.vertex_groups:
-        copied = made.vertex_groups.new(name=group.name)
-        copied.lock_weight = group.lock_weight
-        if group.index not in weights:
-            continue
-        fine = resampled.at_vertices.linear(weights[group.index]).astype(np.float32)
-        for weight, vertices in _equal(fine):
-            copied.add(vertices, weight, "REPLACE")
-
-
-def _equal(weights: NDArray[np.float32]) -> list[tuple[float, list[int]]]:
-    """Positive weights, each with the vertices that have it."""
-    vertices = np.flatnonzero(weights > 0.0)
-    levels, which = np.unique(weights[vertices], return_inverse=True)
-    order = np.argsort(which, kind="stable")
-    groups = np.split(vertices[order], np.cumsum(np.bincount(which, minlength=len(levels)))[:-1]) if len(levels) else []
-    return [(float(level), members.tolist()) for level, members in zip(levels, groups, strict=True)]
+def put(elements: Any, value: str, values: Values, number: type = np.float32) -> None:
+    """Set one property of every element of a collection."""
+    elements.foreach_set(value, np.ascontiguousarray(values, dtype=number).ravel())

@@ -1,7 +1,7 @@
 """A coarse base mesh for a point cloud, made with Blender's own tools.
 
 Balls at the points become a volume, the volume a mesh: a shell around the cloud.  Its outer side, or one side of it
-where the cloud is open, is decimated to as many vertices as are asked for and drawn to the points.
+where the cloud is open, is decimated to the wanted number of vertices and drawn to the points.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ...solver.reconstruction.base import checked_base, drawn_to_points
 from ...solver.reconstruction.geometry import analyse
 from ...solver.reconstruction.reconstruct import checked_points, refuse_flat
 from ...solver.reconstruction.shell import has_cavity, is_open, one_side, outer_parts, unpinched, without_loose
-from . import meshes as mesh_data
+from .meshes import read_mesh, triangle_mesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -41,18 +41,18 @@ VOXELS = 2.0
 
 DENSITY_THRESHOLD = 0.1
 POINTS_A_VERTEX = 60
-"""The paper's clouds have about as many points for each vertex of their bases."""
+"""About the number of points for each vertex of the base in the paper's clouds."""
 
 FEWEST, MOST = 12, 20_000
-"""Vertices of a base that nobody has chosen the size of."""
+"""Vertices of a base whose size the user has not chosen."""
 
 DECIMATIONS = 4
 TOO_FEW = 0.7
-"""A decimation that leaves fewer vertices than this share of those wanted is not taken."""
+"""Share of the wanted vertices below which a decimation is rejected."""
 
 ATTEMPTS = 4
 MORE = 0.25
-"""Where a base is no manifold the next one has more vertices, by this share."""
+"""Share by which the next attempt has more vertices, after a base that was not a manifold."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def _remeshed(vertices: Array, triangles: Indices, voxel: float) -> tuple[Array,
 
 
 def _decimated(vertices: Array, triangles: Indices, count: float, rounds: int) -> tuple[Array, Indices]:
-    """Collapse edges until about `count` vertices are left; small open meshes would lose most faces in more rounds."""
+    """Collapse edges until about `count` vertices are left; with more rounds small open meshes lose most faces."""
     for _ in range(rounds):
         if len(vertices) <= 1.02 * count:
             break
@@ -187,7 +187,7 @@ def _modified(vertices: Array, triangles: Indices, modify: Callable[[Object], No
 def _evaluated(made: Object) -> tuple[Array, Indices]:
     """Positions and triangles of an object after its modifiers."""
     evaluated = made.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    arrays = mesh_data.read_mesh(evaluated.to_mesh())
+    arrays = read_mesh(evaluated.to_mesh())
     evaluated.to_mesh_clear()
     return arrays.vertices.astype(np.float64), arrays.triangles.astype(np.int64)
 
@@ -195,7 +195,7 @@ def _evaluated(made: Object) -> tuple[Array, Indices]:
 @contextmanager
 def _temporary_object(vertices: Array, triangles: Indices) -> Iterator[Object]:
     """An object of the scene, removed at the end."""
-    mesh = mesh_data.create_mesh("Base", vertices, triangles.ravel(), np.full(len(triangles), 3, dtype=np.int32))
+    mesh = triangle_mesh("Base", vertices, triangles)
     made = bpy.data.objects.new("Base", mesh)
     bpy.context.scene.collection.objects.link(made)
     try:

@@ -1,10 +1,9 @@
-"""What makes an object a result: its name and the properties it carries.  Needs no NumPy: the panel asks here."""
+"""What makes an object a result: its name and the properties that it carries.  Needs no NumPy: the panel asks here."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import bpy
 from bpy.types import Object
 
 REPORT = "sparse_surface"
@@ -20,8 +19,8 @@ STRETCH = "sparse_surface_stretch"
 """Custom property of a result object whose source was scaled: nine numbers that lead from local to world lengths."""
 
 SPLITS = "sparse_surface_splits"
-"""Custom property of a reconstructed surface, whose mesh is finer than the representation's: into how many parts every
-edge was split, and the numbers of vertices and faces that this gave."""
+"""Custom property of a reconstructed surface, whose mesh is finer than the representation's: number of parts of every
+edge, and its numbers of vertices and faces."""
 
 MADE_FROM = "sparse_surface_made_from"
 """Custom property of the objects of a reconstruction: the name of the points' object."""
@@ -33,7 +32,16 @@ ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH = "error", "error_color", "patch", "d
 """Attributes of a result's mesh."""
 
 WEIGHT = "weight"
-"""Attribute of reconstructed points: how much each counted."""
+"""Attribute of reconstructed points: the weight of each in the fit."""
+
+GAP = "gap"
+"""Attribute of a separate patch: largest distance to another patch's point for the same vertex, in scene units."""
+
+INSPECTED = "sparse_surface_inspected"
+"""Custom property of what Inspect Patch lays out: the result's name.  A pointer would keep a deleted result alive."""
+
+INSPECTION = "Sparse Surface Inspection"
+"""Collection of what Inspect Patch lays out."""
 
 NAME_BYTES = 63
 """Blender cuts the names of data-blocks here."""
@@ -45,7 +53,7 @@ def result_name(source_name: str) -> str:
 
 
 def cut_name(name: str, ending: str) -> str:
-    """Return a name with an ending; where both are too long the name gives way."""
+    """Return a name with an ending; the name is cut where both together are too long."""
     return name.encode()[: NAME_BYTES - len(ending.encode())].decode(errors="ignore") + ending
 
 
@@ -63,23 +71,20 @@ def has_representation(candidate: Object | None) -> bool:
 
 def has_heat_map(candidate: Object | None) -> bool:
     """Whether an object carries errors and their colours."""
-    if candidate is None or candidate.type != "MESH":
-        return False
-    layer = candidate.data.attributes.get(ERROR)
-    return layer is not None and (layer.data_type, layer.domain) == ("FLOAT", "POINT") and SCALE in candidate
+    return candidate is not None and SCALE in candidate and _has_layer(candidate, ERROR, "FLOAT")
 
 
-def marked_objects(mark: str) -> list[Object]:
-    """Return the objects of this file that have a custom property."""
-    return [candidate for candidate in bpy.data.objects if mark in candidate and candidate.library is None]
+def has_patches(candidate: Object | None) -> bool:
+    """Whether an object's mesh says which patch counts most at each vertex."""
+    return candidate is not None and _has_layer(candidate, PATCH, "INT")
 
 
-def remove_marked(mark: str) -> None:
-    """Remove the objects with a custom property, and their meshes where nothing else has them."""
-    marked = marked_objects(mark)
-    meshes = {candidate.data for candidate in marked if candidate.type == "MESH"}
-    for candidate in marked:
-        bpy.data.objects.remove(candidate)
-    for mesh in meshes:
-        if mesh.users == 0:
-            bpy.data.meshes.remove(mesh)
+def shows_patches(shown: Object) -> bool:
+    """Whether the colours of the patches are the active ones."""
+    active = shown.data.color_attributes.active_color
+    return active is not None and active.name == PATCH_COLOUR
+
+
+def _has_layer(candidate: Object, name: str, kind: str) -> bool:
+    layer = candidate.data.attributes.get(name) if candidate.type == "MESH" else None
+    return layer is not None and (layer.data_type, layer.domain) == (kind, "POINT")

@@ -1,4 +1,4 @@
-"""The 3D viewports of all windows: what they show, and that they are drawn anew."""
+"""The 3D viewports of all windows: what they show, and redrawing them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def is_shown_in(view: SpaceView3D, placed: Object, context: Context) -> bool:
 
 
 def join_local_views(made: Object, beside: Object, context: Context) -> None:
-    """Have an object in each local view that shows another."""
+    """Add an object to each local view that shows another."""
     for area in viewports(context):
         view = area.spaces.active
         if view.local_view is not None and is_shown_in(view, beside, context):

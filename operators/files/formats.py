@@ -1,7 +1,7 @@
 """The kinds of mesh file that Blender reads and writes; a new kind is a row.  Needs no Blender.
 
-Axes stay as they are in the file, and so do vertex order and scale: a vertex that nothing moved comes out where it
-went in.
+Axes stay as they are in the file, and so do vertex order and scale: an unmoved vertex keeps its
+coordinates from file to file.
 """
 
 from __future__ import annotations

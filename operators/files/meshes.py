@@ -25,7 +25,7 @@ def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
     Raises
     ------
     InputError
-        When the file is not there or holds none; `wanted` says of what.
+        When the file is missing or holds no such object; `wanted` names what it lacks.
     FileFormatError
         When Blender cannot read it.
     """
@@ -33,7 +33,7 @@ def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
         raise InputError(f"There is no file '{path}'.")
     kind = BY_ENDING.get(path.suffix.lower())
     if kind is None:
-        raise FileFormatError(f"'{path.name}' is of no kind that can be read ({', '.join(READABLE)}).")
+        raise FileFormatError(f"'{path.name}' is not a kind of file that can be read ({', '.join(READABLE)}).")
     bpy.ops.wm.read_homefile(use_empty=True)
     try:
         outcome = _operator(kind, kind.reader)(filepath=str(path), **kind.reading)
@@ -51,7 +51,7 @@ def named(objects: Sequence[Object], name: str | None) -> list[Object]:
     Raises
     ------
     InputError
-        When there is none.
+        When the file has no such object.
     """
     found = [candidate for candidate in objects if name in (None, candidate.name)]
     if not found:
@@ -72,7 +72,7 @@ def write_meshes(path: Path, objects: Sequence[Object]) -> None:
     """
     kind = BY_ENDING.get(path.suffix.lower())
     if kind is None or kind.writer is None:
-        raise FileFormatError(f"'{path.name}' is of no kind that can be written ({', '.join(WRITABLE)}).")
+        raise FileFormatError(f"'{path.name}' is not a kind of file that can be written ({', '.join(WRITABLE)}).")
     bpy.context.view_layer.update()
     for other in bpy.context.view_layer.objects:
         other.select_set(other in objects)

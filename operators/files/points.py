@@ -24,7 +24,7 @@ def read_points(path: Path, name: str | None = None) -> Object:
     Raises
     ------
     InputError
-        When the file is not there, holds no points, or has no object of that name.
+        When the file is missing, holds no points, or has no object of that name.
     FileFormatError
         When it cannot be read.
     """
@@ -44,7 +44,7 @@ def read_base(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArr
     Raises
     ------
     InputError
-        When the file is not there or holds no mesh.
+        When the file is missing or holds no mesh.
     FileFormatError
         When it cannot be read.
     """
@@ -71,9 +71,7 @@ def create_base(
 
 def _world_points(each: Object) -> NDArray[np.float64]:
     bpy.context.view_layer.update()
-    points, lengths = cloud_data.read_points(each, bpy.context.evaluated_depsgraph_get())
-    matrix = np.array(each.matrix_world, dtype=np.float64)
-    return lengths.to_local(points) @ matrix[:3, :3].T + matrix[:3, 3]
+    return mesh_data.to_world(each, cloud_data.local_points(each, bpy.context.evaluated_depsgraph_get()))
 
 
 def _points_of_text(path: Path) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Points that can be seen: a small octahedron for each, in its colour, for pictures and viewports."""
+"""Visible points: a small octahedron for each, in its colour, for pictures and viewports."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 from bpy.types import Object
 from numpy.typing import NDArray
 
-from ..data import meshes as mesh_data
 from ..data.colours import ColourScale
+from ..data.meshes import triangle_mesh
+from ..data.results import write_error
 
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
@@ -31,9 +32,8 @@ def create_point_shapes(
     """
     count = len(points)
     positions = (np.asarray(points, dtype=np.float64)[:, None] + SHARE_OF_SPACING * spacing * _CORNERS).reshape(-1, 3)
-    corners = (_FACES[None] + len(_CORNERS) * np.arange(count)[:, None, None]).ravel()
-    mesh = mesh_data.create_mesh(name, positions, corners, np.full(len(_FACES) * count, 3, dtype=np.int32))
-    made = bpy.data.objects.new(name, mesh)
+    triangles = (_FACES[None] + len(_CORNERS) * np.arange(count)[:, None, None]).reshape(-1, 3)
+    made = bpy.data.objects.new(name, triangle_mesh(name, positions, triangles))
     if error is not None and scale is not None:
-        mesh_data.write_error(made, np.repeat(error, len(_CORNERS)), scale)
+        write_error(made, np.repeat(error, len(_CORNERS)), scale)
     return made

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 from bpy.types import Object, PropertyGroup, Scene
+from numpy.typing import NDArray
 
-from ..data.result_keys import ERROR_COLOUR, has_heat_map
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from ..data.colours import ColourScale
+from ..data.attributes import read
+from ..data.colours import ColourScale
+from ..data.result_keys import ERROR, has_heat_map
+from ..data.results import write_error
 
 
 def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
     """Return the scale that the scene's display settings ask for on these errors."""
-    import numpy as np
-
-    from ..data.colours import ColourScale
-
     display = scene.sparse_surface.display
     if display.range_mode == "FIXED":
         high = display.range_maximum
@@ -32,7 +27,7 @@ def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale
 
 
 def shown_tolerance(scene: Scene) -> float:
-    """Return the tolerance that errors are shown against, 0 where they are shown on the ramp."""
+    """Return the tolerance that separates inside from outside, 0 where errors are shown on the ramp."""
     settings: PropertyGroup = scene.sparse_surface
     if not settings.display.inside_outside:
         return 0.0
@@ -41,12 +36,8 @@ def shown_tolerance(scene: Scene) -> float:
 
 def recolour(coloured: Object, scene: Scene) -> None:
     """Give an object's errors the colours of the scene's display settings."""
-    from ..data import meshes as mesh_data
-
-    errors = mesh_data.read_error(coloured.data)
-    scale = colour_scale(scene, errors)
-    mesh_data.write_layers(coloured.data, {ERROR_COLOUR: scale.colours(errors)})
-    mesh_data.store_scale(coloured, scale)
+    errors = read(coloured.data, ERROR)
+    write_error(coloured, errors, colour_scale(scene, errors))
 
 
 def recolour_scene(scene: Scene) -> None:

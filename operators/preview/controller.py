@@ -1,4 +1,4 @@
-"""What is shown of a surface while it is being solved: its object, or a drawing over the source where that is slow."""
+"""Shows a surface while it is being solved: as its object, or as a drawing over the source where that is slow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..data.colours import ColourScale
 from ..data.viewports import redraw_regions
 from ..heat_map.scale import colour_scale, shown_tolerance
 from . import object as early_object
-from . import overlay as drawn_preview
+from . import overlay
 from .subset import DrawnPart
 
 if TYPE_CHECKING:
@@ -29,30 +29,30 @@ USUAL_PERCENTILE = 95.0
 """Of a source's errors when it is first shown: the upper end of the colours."""
 
 REST = 20.0
-"""How many times as long as a preview held the window up there is none after it."""
+"""After a preview there is none for this many times as long as it blocked the window."""
 
 QUICK = 1.0 / 30.0
-"""Seconds: where a window with a drawing takes less, an object can be afforded, for which viewports are drawn often."""
+"""Seconds: if a redraw with the drawing takes less, an object is fast enough, although it redraws viewports often."""
 
 SLOW = 0.1
-"""Seconds: where an object takes more after all, the surface is drawn; where drawings do, none is asked for."""
+"""Seconds: if an object takes more after all, the surface is drawn; if drawings do, Blender is not asked to redraw."""
 
 SLOW_IN_A_ROW = 2
-"""So many drawings are slow where drawing is: one may have had its shader compiled, or met something else."""
+"""Slow drawings before drawing counts as slow: one may have compiled its shader, or been slow by chance."""
 
 MOST_TRIANGLES = 200_000
 MOST_BY_SOFTWARE = 20_000
-"""A drawing has no more than so many triangles: more take longer in every picture and show little more in it."""
+"""Triangles of a drawing, at most: more take longer in every redraw and show little more."""
 
 
 class LivePreview:
-    """What a run shows.
+    """The `Preview` of a run.
 
     Parameters
     ----------
     kind
-        "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has turned out to draw quickly.  Where it draws
-        slowly, by software in particular, it is not asked to: a drawing is seen when it draws for another reason.
+        "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has proved to draw quickly.  Where it draws slowly,
+        above all by software, it is not asked to redraw: the drawing appears when it redraws for another reason.
     """
 
     def __init__(self, kind: str) -> None:
@@ -70,14 +70,15 @@ class LivePreview:
         self._to_be_drawn = False
         self._handle: object | None = None
         self._usual_error: dict[int, float] = {}
+        early_object.begin()
 
     def take(self, source: Source, positions: NDArray[np.float64]) -> None:
-        """Have the surface at positions (V, 3) in the frame of `source.arrays` shown at the next opportunity."""
+        """Remember the newest surface, positions (V, 3) in the frame of `source.arrays`."""
         self._newest, self._shown = (source, positions), False
 
     def update(self, context: Context) -> bool:
-        """Show what is new, unless something was shown just now; to be called all the time.  Whether that was done."""
-        if self._as_object and context.mode != "OBJECT":  # undo does not know of objects that are made in other modes
+        """Show the newest surface unless the rest period is running; return whether anything was shown."""
+        if self._as_object and context.mode != "OBJECT":  # undo does not know objects that are made in other modes
             early_object.remove_all()
             self._shown = False
             return False
@@ -101,32 +102,32 @@ class LivePreview:
     def _show_object(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
         error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
         early_object.show(source, positions, error, self._scale(context.scene, source, error), context)
-        drawn_preview.discard(source.session_uid)
+        overlay.discard(source.session_uid)
 
     def _draw(self, source: Source, part: DrawnPart, positions: NDArray[np.float64], context: Context) -> None:
         drawn = positions[part.vertices]
         error = np.linalg.norm(drawn - source.arrays.vertices[part.vertices], axis=1)
         scale = self._scale(context.scene, source, error)
-        drawn_preview.show(source, drawn, scale.colours(error), part.triangles)
+        overlay.show(source, drawn, scale.colours(error), part.triangles)
         if self._asks_for_drawing:
             redraw_regions(context, "WINDOW")
 
     def _part(self, source: Source) -> DrawnPart:
-        """Return what is drawn of a source; it is looked for from the first call on."""
+        """Return what is drawn of a source; the first call starts to compute it."""
         if source.session_uid not in self._parts:
             self._parts[source.session_uid] = DrawnPart(source.arrays, self._most_triangles)
         return self._parts[source.session_uid]
 
     def clear(self) -> None:
-        """Take back all that is shown."""
+        """Remove everything that is shown."""
         if self._handle is not None:
             SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
             self._handle = None
-        drawn_preview.clear()
-        early_object.remove_all()
+        overlay.clear()
+        early_object.end()
 
     def _scale(self, scene: Scene, source: Source, error: NDArray[np.float64]) -> ColourScale:
-        """The scene's scale; where its range is automatic it stays what it first was, so that colours show the gain."""
+        """The scene's scale; an automatic range stays as it was at first, so that colours show the progress."""
         if source.session_uid not in self._usual_error:
             self._usual_error[source.session_uid] = float(np.percentile(error, USUAL_PERCENTILE))
         usual = self._usual_error[source.session_uid]
@@ -135,13 +136,13 @@ class LivePreview:
         return ColourScale(0.0, usual, shown_tolerance(scene))
 
     def _rest(self, began: float) -> float:
-        """Keep previews to a small share of the window's time; returns how long this one took until now."""
+        """Keep previews to a small share of the window's time; return how long this one has taken."""
         took = time.monotonic() - began
         self._next = began + (1.0 + REST) * took
         return took
 
     def _rest_once_drawn(self, began: float) -> None:
-        """Count the time until the window is drawn as the preview's, too, however long that is on this machine."""
+        """Count the time until the window is redrawn as part of the preview."""
 
         def drawn() -> float | None:
             if self._to_be_drawn and time.monotonic() - began < NO_VIEWPORT:
@@ -155,14 +156,14 @@ class LivePreview:
         self._to_be_drawn = True
         if self._handle is None:
             self._handle = SpaceView3D.draw_handler_add(self._note_drawing, (), "WINDOW", "POST_PIXEL")
-        # Of the timer's calls, the first one after a viewport was drawn comes when the whole window has been.
+        # The timer's first call after a viewport was drawn comes when the whole window has been drawn.
         bpy.app.timers.register(drawn, first_interval=0.0)
 
     def _note_drawing(self) -> None:
         self._to_be_drawn = False
 
     def _choose(self, seconds: float) -> None:
-        """Choose how to show what comes next by how long the last preview held the window up."""
+        """Choose how to show the next surface by how long the last preview blocked the window."""
         if not self._automatic:
             return
         if self._as_object:
@@ -176,5 +177,5 @@ class LivePreview:
 
 
 def draws_by_software() -> bool:
-    """Whether Blender has no graphics card here: one picture of a viewport takes a tenth of a second or more."""
+    """Whether Blender draws without a graphics card: one redraw of a viewport takes a tenth of a second or more."""
     return str(gpu.platform.device_type_get()) == "SOFTWARE"

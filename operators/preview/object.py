@@ -1,7 +1,8 @@
 """The result object while its surface is being solved: it appears early, and every preview moves its vertices.
 
-It gives way to the result itself, to whatever is done outside of Object Mode and to saving.  What undo or a file that
-was left by a crash bring back of it is removed.  Needs no NumPy until an object is made: it is there from the start.
+It is removed for the result itself, outside of Object Mode and before saving.  Also removed are strays that undo, or a
+file saved in a crash, brings back.  NumPy-heavy modules are imported inside functions: the handlers are there from the
+start.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.types import Context, Object
 
-from ..data.result_keys import marked_objects, remove_marked, result_name
-from ..run import control as running
+from ...solver.errors import InputError
+from ..data.objects import create_object, marked_objects, remove_marked
+from ..data.result_keys import result_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,37 +26,51 @@ if TYPE_CHECKING:
 EARLY = "sparse_surface_early"
 """Custom property of such an object: the session number of its source."""
 
+_wanted = False
+"""Whether a preview is under way; without one these objects are strays."""
+
+
+def begin() -> None:
+    """Keep these objects from now on, until `end`."""
+    global _wanted
+    _wanted = True
+
+
+def end() -> None:
+    """Remove these objects, and those that undo brings back later."""
+    global _wanted
+    _wanted = False
+    remove_all()
+
 
 def show(
     source: Source, positions: NDArray[np.float64], error: NDArray[np.float64], scale: ColourScale, context: Context
 ) -> None:
-    """Move the object's vertices to positions (V, 3) in the frame of `source.arrays`, and store how far they are off.
+    """Move the object's vertices to positions (V, 3) in the frame of `source.arrays`, and store their errors.
 
-    The object is made where it is not there, unless the source was removed or edited.
+    The object is created if need be, unless the source was removed or edited.
     """
-    from ..data import meshes as mesh_data
+    from ..data.meshes import set_positions
+    from ..data.results import write_error
 
     early = find(source.session_uid) or _create(source, context)
     if early is not None and len(early.data.vertices) == len(positions):
-        mesh_data.set_positions(early.data, source.lengths.to_local(positions))
-        mesh_data.write_error(early, error, scale)
+        set_positions(early.data, source.lengths.to_local(positions))
+        write_error(early, error, scale)
 
 
 def _create(source: Source, context: Context) -> Object | None:
-    from ...solver.errors import InputError
-    from ..data import meshes as mesh_data
+    from ..data.results import copy_source
 
     try:
-        made_from, mesh = mesh_data.copy_source(source, context)
+        made_from, mesh = copy_source(source, context)
     except InputError:
-        return None  # said when its result is due
-    early = bpy.data.objects.new(result_name(made_from.name), mesh)
+        return None  # reported when its result is due
+    early = create_object(result_name(made_from.name), mesh, made_from, context)
     early[EARLY] = source.session_uid
-    early.hide_select = early.hide_render = True  # it is the solver's until it is done
+    early.hide_select = early.hide_render = True  # it belongs to the solver until that is done
     early.show_in_front = True  # the source lies in the same place
     early.display_type = made_from.display_type
-    mesh_data.link_beside(early, made_from, context)
-    mesh_data.place_like(early, made_from)
     return early
 
 
@@ -70,12 +86,12 @@ def remove_all() -> None:
 
 @bpy.app.handlers.persistent
 def _remove_before_saving(*_: object) -> None:
-    remove_all()  # while a run goes on the next preview makes it anew
+    remove_all()  # during a run the next preview creates it again
 
 
 @bpy.app.handlers.persistent
 def _remove_strays(*_: object) -> None:
-    if running.current is None:
+    if not _wanted:
         remove_all()
 
 
@@ -88,13 +104,13 @@ _HANDLERS = (
 
 
 def register() -> None:
-    """Keep these objects out of saved files, and from coming back when their run has ended."""
+    """Keep these objects out of saved files, and remove those that come back after their run."""
     for handlers, function in _HANDLERS:
         handlers.append(function)
 
 
 def unregister() -> None:
     """Leave none of these objects behind."""
-    remove_all()
+    end()
     for handlers, function in _HANDLERS:
         handlers.remove(function)

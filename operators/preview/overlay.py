@@ -1,7 +1,7 @@
 """The surface while it is being solved, drawn over its source in the 3D viewports by a shader of its own.
 
-Whenever an object changes, Blender draws every viewport anew and once more for each sample of its anti-aliasing, which
-holds a window without a graphics card up for longer than a preview is worth.  This costs one picture.
+Whenever an object changes, Blender redraws every viewport once for each sample of its anti-aliasing, which without a
+graphics card blocks the window for longer than a preview is worth.  This drawing costs one redraw.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from bpy.types import Context, Object, RegionView3D, Space, SpaceView3D
 from numpy.typing import NDArray
 
-from ..data.meshes import find_object
+from ..data.objects import find_object
 from ..data.viewports import is_shown_in, redraw_regions
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def show(
 ) -> None:
     """Draw triangles (S, 3) of positions (W, 3) in the frame of `source.arrays`, with linear colours (W, 4).
 
-    It is seen when Blender next draws a viewport, for which it is not asked here.
+    It appears when Blender next redraws a viewport; this function does not ask for that.
     """
     global _handle
     _drawn[source.session_uid] = _upload(source.lengths.to_local(positions), colours, triangles)
@@ -64,24 +64,19 @@ def show(
 
 
 def discard(session_uid: int) -> None:
-    """Draw the surface of this object no more."""
+    """Stop drawing the surface of this object."""
     if _drawn.pop(session_uid, None) is not None:
         redraw_regions(bpy.context, "WINDOW")
 
 
 def clear() -> None:
-    """Draw nothing any more."""
+    """Stop drawing."""
     global _handle
     _drawn.clear()
     if _handle is not None:
         SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
         redraw_regions(bpy.context, "WINDOW")
-
-
-def drawn_objects() -> frozenset[int]:
-    """Return the session numbers of the objects whose surfaces are drawn."""
-    return frozenset(_drawn)
 
 
 def _draw() -> None:
@@ -109,7 +104,7 @@ def _draw_one(placed: Object, batch: Any, view: RegionView3D) -> None:
 
 
 def _is_wanted(placed: Object, view: Space | None, context: Context) -> bool:
-    """Whether the surface belongs into a viewport: where its source is, unless that is being worked on."""
+    """Whether a viewport shows the surface: where it shows the source, unless the user is editing that."""
     return isinstance(view, SpaceView3D) and placed.mode == "OBJECT" and is_shown_in(view, placed, context)
 
 
@@ -125,7 +120,7 @@ def _upload(positions: NDArray[np.float32], colours: NDArray[np.floating[Any]], 
 
 
 def _surface_shader() -> Any:
-    """Compile the shader, once in a session."""
+    """Compile the shader, once a session."""
     global _shader
     if _shader is None:
         between = gpu.types.GPUStageInterfaceInfo("sparse_surface_preview")

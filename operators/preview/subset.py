@@ -1,6 +1,6 @@
-"""What is drawn of a surface while it is solved: all of a small mesh, a coarser one in the place of a large mesh.
+"""The part of a surface that is drawn while it is solved: all of a small mesh, a coarser version of a large one.
 
-A picture of more triangles takes longer, each time that the viewport is drawn; one of fewer looks much the same.
+Every redraw of more triangles takes longer; fewer look much the same.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 class DrawnPart:
     """Some of a mesh's vertices, and triangles on them.
 
-    They are found in a thread where that takes time: NumPy lets Blender go on while it works.  Quitting waits for it,
-    for about a second and a half with a million vertices; a thread that Python ends in mid-work can bring Blender down.
+    A thread finds them where that takes time: NumPy lets Blender go on while it works.  Quitting waits for the thread,
+    about a second and a half with a million vertices; a thread that Python ends in mid-work can crash Blender.
 
     Attributes
     ----------
     ready
-        Whether the others are known.
+        Whether the others are set.
     vertices
         Which vertices of the mesh are drawn, (W,).
     triangles
@@ -37,7 +37,7 @@ class DrawnPart:
     triangles: NDArray[np.int64]
 
     def __init__(self, arrays: MeshArrays, most: int) -> None:
-        """Begin to look for no more than so many triangles."""
+        """Start to look for at most `most` triangles."""
         self.ready = False
         if len(arrays.triangles) <= most:
             self._find(arrays, most)

@@ -1,1 +1,1 @@
-"""A solver run in Blender: its state, its operator, its status, its estimate."""
+"""A run of the solver in Blender: its state, what its operators share, its status, its estimate."""

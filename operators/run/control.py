@@ -1,32 +1,44 @@
-"""The work that runs in the background: one run at a time, a child process for each object in turn.
-
-`stop` may be called from anywhere, as often as one likes: by Cancel and ESC, before another file is loaded,
-when the add-on is disabled, when Blender quits and when something fails.
-"""
+"""A run in the background: a child process for each object in turn."""
 
 from __future__ import annotations
 
-import atexit
 import sys
 import time
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import bpy
-from bpy.app.translations import pgettext_rpt as rpt_
-from bpy.types import Timer
+from bpy.types import Context, Timer
 
 from ...solver.settings import Settings
-from .status import redraw_progress, settle_sidebars, show_status
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from ...solver.approximation.result import Approximation
     from ...solver.interchange import CloudOutcome
     from ...solver.job import Job
     from ...solver.progress import Progress
     from ..data.meshes import Source
     from ..data.points import CloudSource
-    from ..preview.controller import LivePreview
+
+
+class Preview(Protocol):
+    """What shows the surface while it is being solved.
+
+    Its budget: one preview blocks Blender's window for at most 150 ms, and all previews together for at most a
+    twentieth of the time; `tests/window/test_responsiveness.py` measures the first.
+    """
+
+    def take(self, source: Source, positions: NDArray[np.float64]) -> None:
+        """Remember the newest surface, positions (V, 3) in the frame of `source.arrays`."""
+
+    def update(self, context: Context) -> bool:
+        """Show the newest surface unless the rest period is running; return whether anything was shown."""
+
+    def clear(self) -> None:
+        """Remove everything that is shown."""
 
 
 @dataclass
@@ -36,25 +48,25 @@ class Run:
     Attributes
     ----------
     tasks
-        What is approximated, in this order, and how.
+        What to approximate, in this order, and with which settings.
     results
-        What is done, with its source.
+        What is solved, with its source.
     refusals
         One sentence for each object that has no result.
     progress
-        What the solver said last, its fraction that of the whole run.
+        The solver's last message, its fraction that of the whole run.
     started
-        When the solver said its first word; until then, when the run began.
+        When the solver first reported; until then, when the run began.
     shown, shown_at
         The workspace and the line of progress that is drawn there, and since when.
     sidebars_behind
-        Whether the sidebars still show the line before.
+        Whether the sidebars still show the previous line.
     preview
         What shows the surface while it is solved; None where that is not wanted.
     """
 
     tasks: list[tuple[Source | CloudSource, Settings]]
-    preview: LivePreview | None = None
+    preview: Preview | None = None
     results: list[tuple[Source | CloudSource, Approximation | CloudOutcome]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     progress: Progress | None = None
@@ -79,7 +91,7 @@ class Run:
         return self.tasks[self._begun - 1][0] if self._job is not None else None
 
     def advance(self) -> Progress | None:
-        """Take in what the child says, start the next one where it is done; return new progress, if any."""
+        """Take what the child reports, start the next one when it is done; return new progress, if any."""
         if self._job is None and self._begun < len(self.tasks):
             self._start_next()
         if self._job is None:
@@ -95,7 +107,7 @@ class Run:
         return said
 
     def finish(self) -> None:
-        """Keep the best result so far: end the current object early and begin no other."""
+        """Keep the best result so far: end the current object early and start no other."""
         self.finishing = True
         del self.tasks[self._begun :]
         if self._job is not None:
@@ -108,7 +120,7 @@ class Run:
             job.stop()
 
     def remaining_seconds(self) -> float | None:
-        """Return how long the rest takes at the speed so far, once that can be said."""
+        """Return how long the rest takes at the speed so far, once that is known."""
         passed = time.monotonic() - self.started
         if self.progress is None or self.progress.fraction < 0.02 or passed < 1.0:
             return None
@@ -129,60 +141,3 @@ class Run:
         else:
             self.refusals.append(f"'{source.name}': {job.failure}")
         self.stop()
-
-
-current: Run | None = None
-"""The run that has the solver to itself, or None."""
-
-notice = ""
-"""Why the last run ended, where its operator could not say so itself."""
-
-
-def start(run: Run) -> None:
-    """Make a run the current one; there must be none."""
-    global current, notice
-    assert current is None
-    current, notice = run, ""
-
-
-def stop(reason: str = "") -> None:
-    """End the current run, if there is one, and take back all that it shows."""
-    global current, notice
-    run, current = current, None
-    if run is None:
-        return
-    run.stop()
-    notice = reason
-    if reason:
-        print(reason)
-    if run.preview is not None:
-        run.preview.clear()
-    manager = bpy.context.window_manager
-    if run.timer is not None:
-        manager.event_timer_remove(run.timer)
-    show_status(bpy.context, None)
-    redraw_progress(bpy.context)
-    settle_sidebars()
-
-
-@bpy.app.handlers.persistent
-def _stop_before_load(*_: object) -> None:
-    stop(rpt_("The approximation was cancelled because another file was loaded"))
-
-
-def _kill_at_exit() -> None:
-    if current is not None:
-        current.stop()
-
-
-def register() -> None:
-    """Have every end of the session, or of this file in it, end the run too."""
-    bpy.app.handlers.load_pre.append(_stop_before_load)
-    atexit.register(_kill_at_exit)
-
-
-def unregister() -> None:
-    """End the run; nothing calls into this module any more."""
-    stop()
-    atexit.unregister(_kill_at_exit)
-    bpy.app.handlers.load_pre.remove(_stop_before_load)

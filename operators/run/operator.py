@@ -1,9 +1,8 @@
-"""What operators that solve have in common: in this process for scripts, in a child process with a window."""
+"""What operators that run the solver share: in this process for scripts, in a child process with a window."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,28 +12,37 @@ from bpy.types import Context, Event, Object
 
 from ...solver.errors import SparseSurfaceError
 from ...solver.settings import Settings
-from . import control as running
+from ..data.objects import find_object, select_only
+from ..data.report_text import one_line
 from . import estimate
+from .control import Preview, Run
 from .preferences import preferred_workers
+from .session import session
 from .status import show_progress
 
+# NumPy-heavy modules are imported inside functions: enabling the add-on loads this module.
 if TYPE_CHECKING:
     from ...solver.progress import Progress
     from ..data.meshes import Source
     from ..data.points import CloudSource
-    from ..preview.controller import LivePreview
 
 Task = tuple[Any, Settings]
 """What is read from an object, a `Source` or a `CloudSource`, and the settings."""
 
 Solved = tuple[Any, Any]
-"""A `Source` with its `Result`, or a `CloudSource` with its `CloudOutcome`."""
+"""A `Source` with its `Approximation`, or a `CloudSource` with its `CloudOutcome`."""
 
 
-class Solving:
-    """What an operator that solves does; a subclass says on what (`tasks`) and makes objects of it (`make_objects`)."""
+class SolverOperator:
+    """Runs the solver for an operator, which says on what (`tasks`) and makes objects of the results (`make_objects`).
 
-    _run: running.Run | None = None
+    Raises
+    ------
+    TypeError
+        When a subclass is defined without these two methods.
+    """
+
+    _run: Run | None = None
     has_preview = True
     """Whether the surface can be shown while it is solved."""
 
@@ -42,13 +50,19 @@ class Solving:
         options: Any
         report: Any
 
-    @abstractmethod
+    def __init_subclass__(cls, **others: Any) -> None:
+        super().__init_subclass__(**others)
+        for name in ("tasks", "make_objects"):
+            if getattr(cls, name) is getattr(SolverOperator, name):
+                raise TypeError(f"{cls.__name__} has no method '{name}'")
+
     def tasks(self, context: Context) -> tuple[list[Task], list[str]]:
         """Return what to solve with which settings, and a sentence for each object that is refused."""
+        raise NotImplementedError
 
-    @abstractmethod
     def make_objects(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> list[Object]:
-        """Make objects of what is solved; what becomes none has its sentence added to `refusals`."""
+        """Make objects of the results; for each that becomes none, add a sentence to `refusals`."""
+        raise NotImplementedError
 
     def execute(self, context: Context) -> set[str]:
         """Solve in this process and return when all is done: for scripts and without a window."""
@@ -62,19 +76,19 @@ class Solving:
         return self._conclude(context, done, refusals)
 
     def invoke(self, context: Context, event: Event) -> set[str]:
-        """Solve in a child process while Blender goes on."""
+        """Solve in a child process while Blender stays usable."""
         if bpy.app.background or not self.options.is_invoke:
             return self.execute(context)
         tasks, refusals = self.tasks(context)
         if not tasks:
             return self._conclude(context, [], refusals)
-        self._run = running.Run(tasks, self._wanted_preview(context), refusals=refusals)
-        running.start(self._run)
+        self._run = Run(tasks, self._wanted_preview(context), refusals=refusals)
+        session.start(self._run)
         self._run.timer = context.window_manager.event_timer_add(0.1, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def _wanted_preview(self, context: Context) -> LivePreview | None:
+    def _wanted_preview(self, context: Context) -> Preview | None:
         settings = context.scene.sparse_surface
         if not (self.has_preview and settings.show_preview):
             return None
@@ -84,9 +98,9 @@ class Solving:
 
     def modal(self, context: Context, event: Event) -> set[str]:
         run = self._run
-        if run is not None and running.current is run and event.type == "ESC" and event.value == "PRESS":
-            running.stop()
-        if run is None or running.current is not run:
+        if run is not None and session.current is run and event.type == "ESC" and event.value == "PRESS":
+            session.stop()
+        if run is None or session.current is not run:
             self.report({"INFO"}, rpt_("Approximation cancelled"))
             return {"CANCELLED"}
         if event.type != "TIMER":
@@ -94,28 +108,28 @@ class Solving:
         try:
             return self._step(context, run)
         except BaseException:
-            running.stop(rpt_("The approximation failed; the console says why"))
+            session.stop(rpt_("The approximation failed; the console says why"))
             raise
 
     def cancel(self, context: Context) -> None:
         """End the run; Blender calls this when the window closes."""
-        if self._run is not None and running.current is self._run:
-            running.stop()
+        if self._run is not None and session.current is self._run:
+            session.stop()
 
-    def _step(self, context: Context, run: running.Run) -> set[str]:
+    def _step(self, context: Context, run: Run) -> set[str]:
         previewed = self._preview(context, run, run.advance())
-        # An object that is made outside of Object Mode would be lost to undo.
+        # Undo would lose an object that is made outside of Object Mode.
         run.waiting = run.done and context.mode != "OBJECT"
         if not run.done or run.waiting:
-            if not previewed:  # both in one picture would hold the window up for longer
+            if not previewed:  # both in one redraw would block the window for longer
                 show_progress(context, run)
             return {"PASS_THROUGH"}
-        running.stop()
+        session.stop()
         return self._conclude(context, run.results, run.refusals)
 
     @staticmethod
-    def _preview(context: Context, run: running.Run, said: Progress | None) -> bool:
-        """Show the surface as it stands, where it is time for it; whether that was done."""
+    def _preview(context: Context, run: Run, said: Progress | None) -> bool:
+        """Show the current surface when a preview is due; return whether it was shown."""
         if run.preview is None:
             return False
         source: Any = run.current_source  # only meshes have previews
@@ -124,60 +138,63 @@ class Solving:
         return run.preview.update(context)
 
     def _conclude(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> set[str]:
-        """Make the objects and say for each what came out; with nothing made it is an error."""
+        """Make the objects and report on each; if none is made, that is an error."""
         made = self.make_objects(context, done, refusals)
         for refused in refusals:
             self.report({"WARNING"} if made else {"ERROR"}, refused)
         if not made:
             return {"CANCELLED"}
-        from ..data import meshes as mesh_data
-
-        mesh_data.select_only(context, made)
+        select_only(context, made)
         return {"FINISHED"}
 
+    def make_each(
+        self, make: Callable[[Any, Any], Object], context: Context, done: Sequence[Solved], refusals: list[str]
+    ) -> list[Object]:
+        """Make an object of each result by `make(source, result)`, and hide the originals where the scene says so."""
+        made = []
+        for source, result in done:
+            try:
+                made.append(make(source, result))
+            except SparseSurfaceError as error:
+                refusals.append(str(error))
+                continue
+            original = find_object(source.session_uid)
+            if context.scene.sparse_surface.hide_original and original is not None:
+                original.hide_set(True)
+            self.say_result(source.name, result.report)
+        return made
+
     def say_result(self, name: str, report: dict[str, Any]) -> None:
-        """Say in one line what came out, and remember how long it took."""
-        error, seconds = report["surface_error"], report["seconds"]["total"]
-        if "denoise" in report and not report["patches"]:
-            level, moved = report["denoise"]["noise_level"], report["denoise"]["displacement"]
-            text = rpt_("'{}': noise of {:.3g} taken off, vertices moved by rms {:.3g}, max {:.3g}, {:.1f} s")
-            line = text.format(name, level, moved["rms"], moved["max"], seconds)
-            if not level:
-                line = rpt_("'{}': no noise found, nothing was moved, {:.1f} s").format(name, seconds)
-        else:
-            text = rpt_("'{}': {} patches, surface error rms {:.3g}, max {:.3g}, {:.1f} s")
-            line = text.format(name, report["patches"], error["rms"], error["max"], seconds)
-        self.report({"INFO"}, line)
-        estimate.learn(report)
+        """Report the result in one line, and remember how long it took."""
+        self.report({"INFO"}, one_line(name, report))
+        if "points" not in report["input"]:  # clouds take another time for each vertex
+            estimate.learn(report)
 
 
 def scene_settings(context: Context) -> Settings:
-    """Return the solver's settings of the scene, with the number of workers that the preferences name."""
+    """Return the solver's settings of the scene, with the number of workers of the preferences where it has none."""
     settings: Settings = context.scene.sparse_surface.to_settings()
     return replace(settings, workers=settings.workers or preferred_workers(context))
 
 
 def read_sources(context: Context, chosen: Sequence[Object]) -> tuple[list[Source], list[str]]:
-    """Read objects as the scene's settings say; returns a sentence for each that is refused."""
-    from ..data import meshes as mesh_data
+    """Read objects as the scene's settings ask; also return a sentence for each that is refused."""
+    from ..data.meshes import read_object
 
     settings = context.scene.sparse_surface
     depsgraph = context.evaluated_depsgraph_get()
+    how = {"evaluated": settings.use_modifiers, "vertex_group": settings.vertex_group}
     sources, refusals = [], []
     for candidate in chosen:
         try:
-            sources.append(
-                mesh_data.read_object(
-                    candidate, depsgraph, evaluated=settings.use_modifiers, vertex_group=settings.vertex_group
-                )
-            )
+            sources.append(read_object(candidate, depsgraph, **how))
         except SparseSurfaceError as error:
             refusals.append(refusal(candidate.name, error, len(chosen)))
     return sources, refusals
 
 
 def refusal(name: str, error: BaseException, count: int) -> str:
-    """Return the sentence about an object that is refused; one of several is named."""
+    """Return the sentence about an object that is refused; it is named if there are several."""
     text = str(error) or rpt_("There is not enough memory for this mesh.")
     return text if count == 1 else f"'{name}': {text}"
 

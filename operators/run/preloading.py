@@ -1,6 +1,7 @@
-"""Loads what a run needs while the panel is looked at: pressing the button then waits for no module.
+"""Loads what a run needs while the user looks at the panel, so that pressing the button loads no module.
 
-Enabling the add-on and drawing the panel load none of it, and one module comes at a time: neither is felt.
+Enabling the add-on and drawing the panel load none of it.  The modules are loaded one at a time to keep Blender
+responsive.
 """
 
 from __future__ import annotations
@@ -9,18 +10,19 @@ from importlib import import_module
 
 import bpy
 
-_NEEDED = ("...solver.job", "..data.meshes", "..preview.controller")
+_NEEDED = ("...solver.job", "..data.results", "..preview.controller")
+"""What the run's functions import; a test compares this with the modules that a run loads."""
 
 FIRST_AFTER = 0.2
 BETWEEN = 0.1
-"""Seconds after the panel was drawn, and between modules."""
+"""Seconds after the panel was drawn, and between two modules."""
 
 _left: list[str] | None = None
-"""What is still to be loaded; None before anything was asked for."""
+"""What remains to be loaded; None before `preload` was called."""
 
 
 def preload() -> None:
-    """Begin to load, unless that was done before; for a panel to call whenever it is drawn."""
+    """Start to load, once; a panel calls this whenever it is drawn."""
     global _left
     if _left is None:
         _left = list(_NEEDED)
@@ -33,9 +35,13 @@ def _load_next() -> float | None:
     return BETWEEN if _left else None
 
 
-def unregister() -> None:
-    """Load nothing any more."""
+def register() -> None:
+    """Let the first panel that is drawn start the loading."""
     global _left
     _left = None
+
+
+def unregister() -> None:
+    """Stop loading."""
     if bpy.app.timers.is_registered(_load_next):
         bpy.app.timers.unregister(_load_next)

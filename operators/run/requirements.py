@@ -1,4 +1,4 @@
-"""Which packages the solver needs that Blender does not bring."""
+"""The packages that the solver needs and Blender does not include."""
 
 from __future__ import annotations
 

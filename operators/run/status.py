@@ -1,4 +1,4 @@
-"""What a run shows outside of the sidebar: the status bar's text, and the redraw of the sidebar's progress."""
+"""How far a run is, in words: in the status bar, and redrawn in the sidebars."""
 
 from __future__ import annotations
 
@@ -14,26 +14,25 @@ from ..data.viewports import redraw_regions
 if TYPE_CHECKING:
     from .control import Run
 
-
 SECONDS_BETWEEN_LOOKS = 0.25
-"""Progress is drawn anew no more often than it can be read: even a small part of a window costs drawing all of it."""
+"""Progress is redrawn no more often than it can be read: even a small part costs a redraw of the whole window."""
 
 
 def show_progress(context: Context, run: Run) -> None:
-    """Draw a run's progress in the status bar and the sidebars, where it differs from what they show."""
+    """Draw a run's progress in the status bar and the sidebars if it differs from what they show."""
     now = time.monotonic()
     text = (context.workspace.name if context.workspace is not None else "", status_text(run))
     if text != run.shown and (run.waiting or now - run.shown_at >= SECONDS_BETWEEN_LOOKS):
         run.shown, run.shown_at, run.sidebars_behind = text, now, True
         show_status(context, run)
     elif run.sidebars_behind:
-        # A picture later: two costly parts in one would hold the window up for twice as long.
+        # One redraw later: two costly parts in one would block the window for twice as long.
         run.sidebars_behind = False
         redraw_progress(context)
 
 
 def status_text(run: Run) -> str:
-    """Return one line about a run: object, stage, share done, time left, and how to stop."""
+    """Return one line about a run: object, stage, percentage, time left, and how to stop."""
     if run.waiting:
         return rpt_("The surface is ready: return to Object Mode to receive it")
     if run.progress is None:
@@ -44,7 +43,7 @@ def status_text(run: Run) -> str:
 
 
 def remaining_text(run: Run) -> str:
-    """Return how long a run still takes, or nothing where that is not known yet."""
+    """Return how long a run still takes, or nothing if that is not known yet."""
     seconds = run.remaining_seconds()
     return "" if seconds is None else rpt_("{} left").format(duration_text(seconds))
 
@@ -60,7 +59,7 @@ def duration_text(seconds: float) -> str:
 
 
 def show_status(context: Context, run: Run | None) -> None:
-    """Write a run's line into the status bar; None clears it, in every workspace it was written in."""
+    """Write a run's line into the status bar; None clears it in every workspace."""
     if run is not None and context.workspace is not None:
         context.workspace.status_text_set(status_text(run))
     elif run is None:
@@ -69,7 +68,7 @@ def show_status(context: Context, run: Run | None) -> None:
 
 
 def settle_sidebars() -> None:
-    """Redraw the sidebars some more times: Blender moves panels into place only while it redraws them."""
+    """Redraw the sidebars a few more times: Blender moves panels into place only while it redraws them."""
     left = 5
 
     def redraw() -> float | None:
@@ -83,5 +82,5 @@ def settle_sidebars() -> None:
 
 
 def redraw_progress(context: Context) -> None:
-    """Redraw the sidebars of the 3D viewports and nothing else: a viewport may be costly."""
+    """Redraw only the sidebars of the 3D viewports: a viewport may be costly."""
     redraw_regions(context, "UI")

@@ -1,4 +1,4 @@
-"""The figures and tables of the paper, made anew: pictures in docs/figures, the page docs/paper.md."""
+"""The figures and tables of the paper, made again: pictures in docs/figures, the page docs/paper.md."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ FIGURES = {f"fig{number}": "patch_figures" if number < 9 else "surface_figures" 
 
 
 def make(name: str) -> Path:
-    """Draw a figure into docs/figures, return its path, and write docs/paper.md from all that was measured so far."""
+    """Draw a figure into docs/figures, return its path, and write docs/paper.md from the notebook."""
     from .measurements import Notebook
     from .report import write_page
 

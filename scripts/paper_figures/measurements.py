@@ -1,6 +1,6 @@
 """What the figures and the page tell: runs of the methods on the models, noted in docs/figures/measured.json.
 
-The file is what docs/paper.md is written from.  It lets a single figure be made anew while the page keeps the rest; no
+The file is what docs/paper.md is written from.  It lets a single figure be made again while the page keeps the rest; no
 figure reads it.
 """
 
@@ -96,7 +96,7 @@ class Notebook:
 
 
 def measured(model: PaperModel, mesh: Mesh, method: str, notebook: Notebook) -> Approximation:
-    """Run a method on a model and note what came of it."""
+    """Run a method on a model and record its measurements."""
     result, seconds = timed_approximate(*mesh, METHODS[method])
     notebook.write("models", {f"{model.key} {method}": essentials(result.report, seconds)})
     return result

@@ -31,7 +31,7 @@ PATCHES = {"smooth": SMOOTH, "crease": CREASE}
 
 
 SPLIT = 6
-"""Edges of the domain's triangles are split into so many to show the polynomial."""
+"""Parts into which each edge of the domain's triangles is split to show the polynomial."""
 
 
 def surface(points: Array, values: Array, patch: Patch, colour: tuple[float, float, float]) -> Array:

@@ -146,5 +146,5 @@ def fit(patch: Patch, settings: Settings) -> Fitted:
 
 
 def iterates(patch: Patch, settings: Settings, numbers: list[int]) -> list[Fitted]:
-    """Return what the method has after so many iterations; it goes the same way each time."""
+    """Return the state of the method after a number of iterations; every call takes the same path."""
     return [fit(patch, replace(settings, iterations=number)) for number in numbers]

@@ -87,7 +87,7 @@ def shoot(
     Returns
     -------
     ndarray
-        RGBA, (height, width, 4) from 0 to 1, transparent where there is nothing.
+        RGBA, (height, width, 4) from 0 to 1, transparent where nothing was drawn.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.data import meshes as mesh_data
+from bl_ext.user_default.sparse_surface.operators.data.meshes import read_mesh
 from bl_ext.user_default.sparse_surface.solver import Settings, approximate
 from mathutils import Euler, Matrix
 
@@ -62,7 +62,7 @@ def test_polygons_are_read_as_blender_lists_them(faces: list[list[int]], mode: s
     mesh = scenes.mesh_object("Mixed", points, faces).data
     bpy.ops.object.mode_set(mode=mode)
     try:
-        arrays = mesh_data.read_mesh(mesh)
+        arrays = read_mesh(mesh)
         mesh.calc_loop_triangles()
         assert arrays.corners.tolist() == [vertex for face in faces for vertex in face]
         assert arrays.sizes.tolist() == [len(face) for face in faces]

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.benchmarks import generated_models as models
-from bl_ext.user_default.sparse_surface.operators.copy_statistics import rows_of
+from bl_ext.user_default.sparse_surface.operators.data.report_text import rows
 from bl_ext.user_default.sparse_surface.operators.heat_map.picture import render_heatmap
 from bl_ext.user_default.sparse_surface.operators.run.estimate import estimate
 from bl_ext.user_default.sparse_surface.solver import Settings, approximate
@@ -69,9 +69,9 @@ def test_figures_and_attributes_say_what_was_taken_off():
     report = result["sparse_surface"].to_dict()
     assert report["denoise"]["noise_level"] == pytest.approx(NOISE, rel=0.1)
     assert report["denoise"]["displacement"]["max"] == pytest.approx(moved.max(), rel=1e-4)
-    rows = dict(rows_of(report))
-    assert rows["Noise taken off"] == report["denoise"]["noise_level"]
-    assert "Fit to the denoised, rms" not in rows
+    listed = dict(rows(report))
+    assert listed["Noise removed"] == report["denoise"]["noise_level"]
+    assert "Fit to the denoised, rms" not in listed
     assert estimate(2000, Settings(denoise="only")).patches == 0 < estimate(2000, Settings()).patches
 
 
@@ -100,7 +100,7 @@ def test_strength_and_fit_on_request():
     report = result["sparse_surface"].to_dict()
     assert report["patches"] > 0
     assert 0.0 < report["denoise"]["fit"]["surface_error"]["rms"] < report["surface_error"]["rms"]
-    assert "Fit to the denoised, rms" in dict(rows_of(report))
+    assert "Fit to the denoised, rms" in dict(rows(report))
     assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
     fine = bpy.context.view_layer.objects.active
     assert len(fine.data.polygons) == 4 * len(source.data.polygons)
@@ -137,12 +137,12 @@ def test_held_vertices_stay():
 
 
 def test_the_picture_tells_of_noise_not_of_patches(tmp_path, monkeypatch):
-    from bl_ext.user_default.sparse_surface.operators.heat_map import picture as heatmap_render
+    from bl_ext.user_default.sparse_surface.operators.heat_map import picture
 
     noisy_cube()
     result = scenes.approximate(denoise="only")
     written = []
-    monkeypatch.setattr(heatmap_render._Lettering, "write", lambda _, text, *__, **___: written.append(text))
-    monkeypatch.setattr(heatmap_render, "_render", lambda scene, picture: None)
+    monkeypatch.setattr(picture.Lettering, "write", lambda _, text, *__, **___: written.append(text))
+    monkeypatch.setattr(picture, "render_png", lambda scene, path: None)
     render_heatmap(result, tmp_path / "picture.png")
-    assert any(text.startswith("denoised: noise of 0.00") for text in written)
+    assert any(text.startswith("noise of 0.00") for text in written)

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
-import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
-from bl_ext.user_default.sparse_surface.operators.data import meshes as mesh_data
 from bl_ext.user_default.sparse_surface.operators.data.colours import ColourScale
+from bl_ext.user_default.sparse_surface.operators.data.meshes import Source, read_object
 from bl_ext.user_default.sparse_surface.operators.preview import object as early_object
-from bl_ext.user_default.sparse_surface.operators.run import control as running
 
 SCALE = ColourScale(0.0, 0.5)
 
 
-def show(sheet: bpy.types.Object, offset: float) -> mesh_data.Source:
+def show(sheet: bpy.types.Object, offset: float) -> Source:
     """Show a sheet's surface moved up by so much of the world's length."""
-    source = mesh_data.read_object(sheet, bpy.context.evaluated_depsgraph_get())
+    source = read_object(sheet, bpy.context.evaluated_depsgraph_get())
     positions = source.arrays.vertices.astype(np.float64)
     positions[:, 2] += offset
     error = np.full(len(positions), offset)
@@ -47,12 +44,12 @@ def test_it_looks_like_the_result_and_is_made_once() -> None:
     assert set(early.users_collection) == set(sheet.users_collection)
     bpy.context.view_layer.update()
     assert early.matrix_world == sheet.matrix_world
-    moved = mesh_data.world_positions(early) - mesh_data.world_positions(sheet)
+    moved = scenes.world_positions(early) - scenes.world_positions(sheet)
     np.testing.assert_allclose(moved, np.tile([0.0, 0.0, 0.25], (len(moved), 1)), atol=1e-6)
-    np.testing.assert_allclose(mesh_data.read_error(early.data), 0.25)
+    np.testing.assert_allclose(scenes.values(early.data, "error"), 0.25)
     show(sheet, 0.125)
     assert early_objects() == [early]
-    np.testing.assert_allclose(mesh_data.read_error(early.data), 0.125)
+    np.testing.assert_allclose(scenes.values(early.data, "error"), 0.125)
 
 
 def test_removing_leaves_no_mesh_and_no_other_object() -> None:
@@ -69,7 +66,7 @@ def test_removing_leaves_no_mesh_and_no_other_object() -> None:
 
 def test_none_is_made_of_a_source_that_was_edited_or_deleted() -> None:
     sheet = scenes.creased_sheet(6)
-    source = mesh_data.read_object(sheet, bpy.context.evaluated_depsgraph_get())
+    source = read_object(sheet, bpy.context.evaluated_depsgraph_get())
     positions, error = source.arrays.vertices.astype(np.float64), np.zeros(len(source.arrays.vertices))
     meshes = len(bpy.data.meshes)
     sheet.data.vertices.add(1)
@@ -101,7 +98,7 @@ def test_what_a_crash_left_of_it_is_removed_on_loading(tmp_path: Path) -> None:
     assert not early_objects()
 
 
-def test_undo_brings_it_back_only_during_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_undo_brings_it_back_only_during_a_run() -> None:
     sheet = scenes.creased_sheet(6)
     name = sheet.name
     bpy.ops.ed.undo_push(message="before")
@@ -109,10 +106,11 @@ def test_undo_brings_it_back_only_during_a_run(monkeypatch: pytest.MonkeyPatch) 
     bpy.ops.ed.undo_push(message="the user does something")
     early_object.remove_all()
     bpy.ops.ed.undo_push(message="the run has ended")
-    with monkeypatch.context() as during:
-        during.setattr(running, "current", SimpleNamespace())
-        bpy.ops.ed.undo()
-        assert len(early_objects()) == 1
+    early_object.begin()
+    bpy.ops.ed.undo()
+    assert len(early_objects()) == 1
+    early_object.end()
+    assert not early_objects()
     bpy.ops.ed.redo()
     bpy.ops.ed.undo()
     assert name in bpy.data.objects

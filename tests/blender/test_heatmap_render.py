@@ -5,9 +5,12 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.data import meshes as mesh_data
 from bl_ext.user_default.sparse_surface.operators.data.colours import INSIDE, OUTSIDE, ColourScale, linear_to_srgb, ramp
-from bl_ext.user_default.sparse_surface.operators.heat_map import picture as heatmap_render
+from bl_ext.user_default.sparse_surface.operators.data.meshes import read_positions, set_positions
+from bl_ext.user_default.sparse_surface.operators.data.results import write_error
+from bl_ext.user_default.sparse_surface.operators.heat_map import png
+from bl_ext.user_default.sparse_surface.operators.heat_map.lettering import LEGEND_LENGTH, LEGEND_Y
+from bl_ext.user_default.sparse_surface.operators.heat_map.picture import render_heatmap
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 
 WIDTH = 320
@@ -18,12 +21,11 @@ def coloured_box(size=(2.0, 2.0, 2.0), tolerance=0.0):
     """Return a box whose error rises with x, at a place of its own."""
     bpy.ops.mesh.primitive_cube_add(location=(5.0, -3.0, 2.0))
     box = bpy.context.object
-    positions = mesh_data.read_positions(box.data) * np.array(size, dtype=np.float32) / 2
-    mesh_data.set_positions(box.data, positions)
+    positions = read_positions(box.data) * np.array(size, dtype=np.float32) / 2
+    set_positions(box.data, positions)
     errors = (positions[:, 0] - positions[:, 0].min()).astype(np.float32)
     scale = ColourScale(0.0, float(errors.max()), tolerance)
-    mesh_data.write_layers(box.data, {"error": errors, "error_color": scale.colours(errors)})
-    mesh_data.store_scale(box, scale)
+    write_error(box, errors, scale)
     return box
 
 
@@ -51,19 +53,19 @@ def extent(picture):
 
 def test_picture_and_scale(tmp_path):
     path = tmp_path / "picture.png"
-    heatmap_render.render_heatmap(coloured_box(), path, width=WIDTH)
+    render_heatmap(coloured_box(), path, width=WIDTH)
     picture = pixels(path)
     assert picture.shape == (WIDTH * 9 // 16, WIDTH, 3)
-    half = heatmap_render.LEGEND_LENGTH / 2
+    half = LEGEND_LENGTH / 2
     for place, colour in ((-0.9 * half, ramp()[13]), (0.0, ramp()[128]), (0.9 * half, ramp()[242])):
-        assert np.abs(at(picture, place, heatmap_render.LEGEND_Y) - linear_to_srgb(colour)).max() < 0.08
+        assert np.abs(at(picture, place, LEGEND_Y) - linear_to_srgb(colour)).max() < 0.08
     assert picture[0, 0].min() > 0.9
     assert extent(picture)[1] > 0.4 * len(picture)
 
 
 def test_source_stands_beside_the_result_in_grey(tmp_path):
     box = coloured_box()
-    heatmap_render.render_heatmap(box, tmp_path / "both.png", source=box, width=WIDTH)
+    render_heatmap(box, tmp_path / "both.png", source=box, width=WIDTH)
     picture = pixels(tmp_path / "both.png")
     left, right = picture[: len(picture) * 2 // 3, : WIDTH // 2], picture[: len(picture) * 2 // 3, WIDTH // 2 :]
     assert np.ptp(left, axis=2).max() < 0.1
@@ -72,16 +74,16 @@ def test_source_stands_beside_the_result_in_grey(tmp_path):
 
 
 def test_tolerance_has_two_colours(tmp_path):
-    heatmap_render.render_heatmap(coloured_box(tolerance=0.5), tmp_path / "two.png", width=WIDTH)
+    render_heatmap(coloured_box(tolerance=0.5), tmp_path / "two.png", width=WIDTH)
     picture = pixels(tmp_path / "two.png")
     for place, colour in ((-1.5, INSIDE), (1.5, OUTSIDE)):
-        assert np.abs(at(picture, place, heatmap_render.LEGEND_Y) - np.array(colour)).max() < 0.08
+        assert np.abs(at(picture, place, LEGEND_Y) - np.array(colour)).max() < 0.08
 
 
 def test_up_axis(tmp_path):
     pole = coloured_box((1.0, 6.0, 1.0))
-    heatmap_render.render_heatmap(pole, tmp_path / "y.png", width=WIDTH, up="Y")
-    heatmap_render.render_heatmap(pole, tmp_path / "z.png", width=WIDTH, up="Z")
+    render_heatmap(pole, tmp_path / "y.png", width=WIDTH, up="Y")
+    render_heatmap(pole, tmp_path / "z.png", width=WIDTH, up="Z")
     wide, high = extent(pixels(tmp_path / "y.png"))
     assert high > 2 * wide
     wide, high = extent(pixels(tmp_path / "z.png"))
@@ -93,7 +95,7 @@ def test_same_bytes_and_nothing_left_behind(tmp_path):
     before = {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in KINDS}
     scene = bpy.context.scene
     for name in ("a.png", "b.png"):
-        heatmap_render.render_heatmap(box, tmp_path / name, source=box, width=WIDTH)
+        render_heatmap(box, tmp_path / name, source=box, width=WIDTH)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png"]
     assert {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in KINDS} == before
@@ -107,10 +109,10 @@ def test_a_broken_run_keeps_the_old_picture(tmp_path, monkeypatch):
     def fail(png):
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(heatmap_render, "_without_texts", fail)
+    monkeypatch.setattr(png, "without_texts", fail)
     before = len(bpy.data.scenes)
     with pytest.raises(OSError, match="No space left"):
-        heatmap_render.render_heatmap(coloured_box(), old, width=WIDTH)
+        render_heatmap(coloured_box(), old, width=WIDTH)
     assert old.read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["picture.png"]
     assert len(bpy.data.scenes) == before
@@ -119,5 +121,5 @@ def test_a_broken_run_keeps_the_old_picture(tmp_path, monkeypatch):
 def test_object_without_heat_map_is_refused(tmp_path):
     bpy.ops.mesh.primitive_cube_add()
     with pytest.raises(InputError, match="no heat map"):
-        heatmap_render.render_heatmap(bpy.context.object, tmp_path / "none.png")
+        render_heatmap(bpy.context.object, tmp_path / "none.png")
     assert list(tmp_path.iterdir()) == []

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.data import representation as stored_representation
+from bl_ext.user_default.sparse_surface.operators.representation.stored import read_representation
 from bl_ext.user_default.sparse_surface.solver.surface.inspection import domain_atlas, patch_terms
 from bl_ext.user_default.sparse_surface.ui import inspect_panel
 from mathutils import Vector
@@ -40,7 +40,7 @@ def show(**arguments: Any) -> None:
 def test_domains_and_functions_are_those_of_the_representation(result):
     inspection().patch = 2
     show()
-    surface = stored_representation.read(result)
+    surface = read_representation(result)
     made = shown()
     assert set(made) == {
         "Patch 2", "Patch 2 Initial Domain", "Patch 2 Optimised Domain",
@@ -84,7 +84,7 @@ def test_it_lies_flat_beside_the_result_and_the_result_stays_active(result):
 
 
 def test_stepping_replaces_what_was_shown(result):
-    surface = stored_representation.read(result)
+    surface = read_representation(result)
     counts = []
     for expected in (0, 1, 2):
         show(which="CHOSEN" if expected == 0 else "NEXT")
@@ -125,7 +125,7 @@ def test_the_result_may_go_away(result):
 def test_the_panel_lists_functions_and_energy(result):
     inspection().patch = 1
     show()
-    terms = patch_terms(stored_representation.read(result), 1)
+    terms = patch_terms(read_representation(result), 1)
     listed = inspection().terms
     assert [entry.name for entry in listed] == [term.name for term in terms]
     assert np.allclose([list(entry.amounts) for entry in listed], [term.amounts for term in terms], rtol=1e-6)
@@ -215,7 +215,7 @@ def test_separate_domains_are_shown_for_each_coordinate():
     names = set(shown())
     for axis in "xyz":
         assert {f"Patch 0 Initial Domain {axis}", f"Patch 0 Optimised Domain {axis}", f"Patch 0 {axis}(u, v)"} <= names
-    surface = stored_representation.read(result)
+    surface = read_representation(result)
     own = slice(*surface.vertex_offsets[:2])
     placed = scenes.positions(shown()["Patch 0 Optimised Domain y"].data)
     assert np.allclose(placed[:, :2], surface.domains[1, own], atol=1e-6)
@@ -255,7 +255,7 @@ def test_domains_become_uv_maps(result):
         assert bpy.ops.sparse_surface.domains_to_uv() == {"FINISHED"}
         assert list(mesh.uv_layers.keys()) == ["Mine", "Initial Domain", "Optimised Domain"]
     assert mesh.uv_layers.active.name == "Optimised Domain"
-    surface = stored_representation.read(result)
+    surface = read_representation(result)
     expected = domain_atlas(surface, surface.domains[0])
     assert np.allclose(scenes.values(mesh, "Optimised Domain", "vector", 2), expected, atol=1e-6)
 
@@ -263,7 +263,7 @@ def test_domains_become_uv_maps(result):
 def test_too_many_uv_maps_are_refused(result):
     for number in range(7):
         result.data.uv_layers.new(name=f"Map {number}")
-    with pytest.raises(RuntimeError, match="no place"):
+    with pytest.raises(RuntimeError, match="no space"):
         bpy.ops.sparse_surface.domains_to_uv()
     assert len(result.data.uv_layers) == 7
 
@@ -273,7 +273,7 @@ def test_a_result_without_patches_is_refused():
     sheet.vertex_groups.new(name="Nothing")
     scenes.approximate(ring=3, vertex_group="Nothing")
     assert bpy.context.object["sparse_surface"]["passed_through_vertices"] == 64
-    if stored_representation.read(bpy.context.object).patches == 0:
+    if read_representation(bpy.context.object).patches == 0:
         with pytest.raises(RuntimeError, match="no patches"):
             bpy.ops.sparse_surface.inspect_patch()
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import bpy
 import pytest
-from bl_ext.user_default.sparse_surface.operators.run import control as running
 from bl_ext.user_default.sparse_surface.operators.run import estimate
+from bl_ext.user_default.sparse_surface.operators.run.control import Run
+from bl_ext.user_default.sparse_surface.operators.run.session import session
 from bl_ext.user_default.sparse_surface.solver.progress import Progress
 from bl_ext.user_default.sparse_surface.ui import panels, preferences
 
@@ -121,10 +122,10 @@ def test_button_counts_the_meshes():
 
 def test_progress_takes_the_place_of_the_button(monkeypatch):
     scenes.creased_sheet(8)
-    run = running.Run([])
+    run = Run([])
     run.progress = Progress("Solving patches", 0.25, "5 of 20 patches")
     run.started -= 30.0
-    monkeypatch.setattr(running, "current", run)
+    monkeypatch.setattr(session, "current", run)
     seen = drawn(panels.SPARSE_SURFACE_PT_main)
     assert ("progress", 0.25) in seen
     assert "Solving patches" in words(seen)
@@ -173,12 +174,11 @@ import bpy
 before = set(sys.modules)
 import addon_utils
 assert addon_utils.enable("{scenes.EXTENSION}") is not None
-from bl_ext.user_default.sparse_surface.ui import panels
-from bl_ext.user_default.sparse_surface.operators import approximate
-approximate.reason_against(bpy.context)
+bpy.ops.sparse_surface.approximate.poll()
 new = {{name.partition(".")[0] for name in set(sys.modules) - before}}
-own = [name for name in sys.modules if "sparse_surface" in name]
-heavy = [name for name in own if name.rpartition(".")[2] in ("mesh_data", "pipeline", "job")]
+own = [name.partition("sparse_surface.")[2] for name in sys.modules if "sparse_surface." in name]
+heavy = [name for name in own if name.startswith("solver.") and name.count(".") > 1 or name == "solver.job"]
+heavy += [name for name in own if hasattr(sys.modules["{scenes.EXTENSION}." + name], "np")]
 print("loaded", sorted(new & {{"scipy", "sklearn", "joblib", "threadpoolctl"}}), sorted(heavy))
 """
     )

@@ -8,7 +8,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.approximate import reason_against, selected_meshes
+from bl_ext.user_default.sparse_surface.operators.data.objects import selected_meshes
+from bl_ext.user_default.sparse_surface.operators.run.poll import MESHES_TO_SOLVE, reason_against
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -27,7 +28,7 @@ def refusal() -> str:
 
 
 def test_nothing_selected():
-    assert reason_against(bpy.context) == "Select a mesh"
+    assert reason_against(bpy.context, *MESHES_TO_SOLVE) == "Select a mesh"
     assert "poll() Select a mesh" in refusal()
 
 
@@ -76,7 +77,7 @@ def test_outside_of_object_mode():
     bpy.ops.object.mode_set(mode="EDIT")
     assert "Object Mode" in refusal()
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert reason_against(bpy.context) == ""
+    assert reason_against(bpy.context, *MESHES_TO_SOLVE) == ""
 
 
 def hide_in_view_layer(placed):
@@ -97,7 +98,7 @@ def test_hidden_objects_are_left_alone_and_alone_they_are_refused(hide):
     shown.select_set(False)
     assert "'Hidden' is hidden" in refusal()
     bpy.context.view_layer.objects.active = shown
-    assert reason_against(bpy.context) == "Select a mesh"
+    assert reason_against(bpy.context, *MESHES_TO_SOLVE) == "Select a mesh"
 
 
 def test_a_missing_package_is_named(run_bpy):

@@ -83,16 +83,17 @@ def test_switching_off_and_on_again_and_again(times: int) -> None:
 
 
 def test_switching_off_during_a_run_ends_it() -> None:
-    from bl_ext.user_default.sparse_surface.operators.run import control as running
-    from bl_ext.user_default.sparse_surface.operators.run import operator as solving
+    from bl_ext.user_default.sparse_surface.operators.run.control import Run
+    from bl_ext.user_default.sparse_surface.operators.run.operator import read_sources
+    from bl_ext.user_default.sparse_surface.operators.run.session import session
     from bl_ext.user_default.sparse_surface.solver.settings import Settings
 
     sheet = scenes.creased_sheet(60)
-    sources, refusals = solving.read_sources(bpy.context, [sheet])
+    sources, refusals = read_sources(bpy.context, [sheet])
     assert not refusals
     blocks, process = data_blocks(), process_footprint()
-    run = running.Run([(sources[0], Settings(iterations=200, workers=1))])
-    running.start(run)
+    run = Run([(sources[0], Settings(iterations=200, workers=1))])
+    session.start(run)
     end = time.monotonic() + 60.0
     while run.progress is None or run.progress.fraction == 0.0:
         assert time.monotonic() < end
@@ -104,7 +105,7 @@ def test_switching_off_during_a_run_ends_it() -> None:
     assert child.poll() is None
     try:
         addon_utils.disable(PACKAGE, default_set=True)
-        assert running.current is None
+        assert session.current is None
         assert child.poll() is not None
     finally:
         addon_utils.enable(PACKAGE, default_set=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.data import representation as stored_representation
+from bl_ext.user_default.sparse_surface.operators.representation.stored import read_representation
 from bl_ext.user_default.sparse_surface.solver.surface.resampling import resample
 from mathutils import Euler, Matrix, Vector
 
@@ -30,7 +30,7 @@ def test_it_is_the_representations_surface():
     scenes.creased_sheet(12)
     result = scenes.approximate()
     made = resampled(3)
-    expected = resample(stored_representation.read(result), 3)
+    expected = resample(read_representation(result), 3)
     assert made.name == "Sheet Sparse Surface Resampled" == made.data.name
     assert np.array_equal(scenes.positions(made.data), expected.vertices.astype(np.float32))
     assert [list(p.vertices) for p in made.data.polygons] == [list(map(int, f)) for f in expected.polygons()]
@@ -173,7 +173,7 @@ def test_every_layer_is_interpolated():
             group.add([vertex], float(flat[vertex, 0]), "REPLACE")
     result = scenes.approximate(ring=3)
     made = resampled(2).data
-    expected = resample(stored_representation.read(result), 2)
+    expected = resample(read_representation(result), 2)
     flat_fine = expected.at_vertices.linear(flat.astype(float))
     fine_face = expected.source_face
     fine_corner = np.repeat(fine_face, expected.sizes)

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.benchmarks.generated_models import cube
-from bl_ext.user_default.sparse_surface.operators.data.sharp_edges import mark_sharp
+from bl_ext.user_default.sparse_surface.operators.data.meshes import mark_sharp
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes

@@ -205,13 +205,12 @@ def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Steps:
 
 def running() -> Any:
     """Return the current run of the extension, or None."""
-    return module("operators.run.control").current
+    return module("operators.run.session").session.current
 
 
 def drawn_objects() -> frozenset[int]:
     """Return the session numbers of the objects whose surfaces are drawn while they are being solved."""
-    drawn: frozenset[int] = module("operators.preview.overlay").drawn_objects()
-    return drawn
+    return frozenset(module("operators.preview.overlay")._drawn)
 
 
 def children() -> list[int]:

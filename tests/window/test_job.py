@@ -116,7 +116,8 @@ def test_only_one_job_at_a_time():
     yield from driver.start_job()
     with driver.in_viewport():
         assert not bpy.ops.sparse_surface.approximate.poll()
-    reason = driver.module("operators.approximate").reason_against(bpy.context)
+    poll = driver.module("operators.run.poll")
+    reason = poll.reason_against(bpy.context, *poll.MESHES_TO_SOLVE)
     assert "running" in reason
     driver.press("ESC")
     yield from driver.assert_nothing_left({"Creased"})
@@ -203,7 +204,7 @@ def test_loading_a_file_ends_it():
         bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
         bpy.ops.wm.open_mainfile(filepath=path)
     yield 0.5
-    assert driver.module("operators.run.control").notice
+    assert driver.module("operators.run.session").session.notice
     yield from driver.open_sidebar()
     driver.shot("job_ended_by_loading")
     yield from driver.assert_nothing_left({"Creased"})

@@ -31,7 +31,8 @@ def test_button_is_disabled_without_a_mesh():
 
 def test_drawing_costs_little():
     """All panels of the sidebar together, in processor time, once they have been drawn before."""
-    panels = [each for each in driver.module("registration").CLASSES if issubclass(each, bpy.types.Panel)]
+    panels = [*driver.module("ui.panels").CLASSES, *driver.module("ui.inspect_panel").CLASSES]
+    panels = [each for each in panels if issubclass(each, bpy.types.Panel)]
     assert len(panels) > 3
     spent = dict.fromkeys(panels, 0.0)
     originals = {panel: panel.draw for panel in panels}
@@ -60,7 +61,7 @@ def test_drawing_costs_little():
 
 
 def test_enabling_costs_little():
-    """Importing and registering anew, in processor time: Blender starts with it every day."""
+    """Importing and registering again, in processor time: Blender starts with it every day."""
     import addon_utils
 
     name = driver.add_on()

@@ -243,7 +243,7 @@ def early_error() -> float | None:
     if not early:
         return None
     assert early[0].name == driver.RESULT
-    return float(np.sqrt(np.mean(driver.module("operators.data.meshes").read_error(early[0].data) ** 2)))
+    return float(np.sqrt(np.mean(driver.module("operators.data.attributes").read(early[0].data, "error") ** 2)))
 
 
 def test_the_result_object_appears_early_and_improves():

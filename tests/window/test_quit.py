@@ -26,10 +26,10 @@ def check_at_exit() -> None:
 
 
 def test_quitting_in_mid_job():
-    running = driver.module("operators.run.control")
-    atexit.unregister(running._kill_at_exit)
+    session = driver.module("operators.run.session")
+    atexit.unregister(session._kill_at_exit)
     atexit.register(check_at_exit)  # the first registered is the last called
-    atexit.register(running._kill_at_exit)
+    atexit.register(session._kill_at_exit)
     driver.clear_scene()
     driver.add_creased_grid(80)
     yield 0.3

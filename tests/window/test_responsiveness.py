@@ -109,7 +109,7 @@ def measure(kind: str, name: str, seconds: float = SECONDS, begin: Callable[[], 
 
 def meter_steps(spent: list[float]) -> None:
     """Note how much processor time each step of the operator takes of Blender's own thread."""
-    solving = driver.module("operators.run.operator").Solving
+    solving = driver.module("operators.run.operator").SolverOperator
     plain = solving._step
 
     def metered(*arguments):

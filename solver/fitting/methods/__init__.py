@@ -23,13 +23,7 @@ class PatchSolver(Protocol):
         """Fit every problem from its initial domain."""
 
     def improve(
-        self,
-        batch: Batch,
-        dictionary: Dictionary,
-        settings: Settings,
-        domain: Array,
-        support: Indices,
-        iterations: int,
+        self, batch: Batch, dictionary: Dictionary, settings: Settings, domain: Array, support: Indices, iterations: int
     ) -> Solution:
         """Continue from an earlier solution: its domains (2, B, m) and functions (B, D, s), for changed data."""
 

@@ -17,12 +17,7 @@ def solve(batch: Batch, dictionary: Dictionary, settings: Settings) -> Solution:
 
 
 def improve(
-    batch: Batch,
-    dictionary: Dictionary,
-    settings: Settings,
-    domain: Array,
-    support: Indices,
-    iterations: int,
+    batch: Batch, dictionary: Dictionary, settings: Settings, domain: Array, support: Indices, iterations: int
 ) -> Solution:
     """Choose functions for the changed data, and keep the earlier ones (B, D, s) where they fit better."""
     new = select(batch, dictionary, batch.start, settings.sparsity, settings.pursuit)

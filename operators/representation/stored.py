@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from ...solver.errors import InputError
 from ...solver.surface.representation import Representation
-from . import meshes as mesh_data
-from .result_keys import REPRESENTATION, SPLITS, STRETCH
+from ..data.meshes import read_polygons, read_positions
+from ..data.result_keys import REPRESENTATION, SPLITS, STRETCH
 
 NEAR = 1e-5
-"""Distance, in longest sides, within which a vertex is where the representation puts it."""
+"""Distance, as a share of the longest side, within which a vertex is where the representation puts it."""
 
 
-def read(holder: Object) -> Representation:
+def read_representation(holder: Object) -> Representation:
     """Return the representation that an object holds.
 
     Raises
@@ -40,7 +40,7 @@ def read(holder: Object) -> Representation:
 
 @lru_cache(maxsize=2)
 def _parsed(stored: bytes, name: str) -> Representation:
-    """Stepping from patch to patch must not read the whole anew each time."""
+    """Parse the bytes once while the user steps from patch to patch."""
     return Representation.from_bytes(stored, rpt_("The representation of '{}'").format(name))
 
 
@@ -60,7 +60,7 @@ class Placement:
 def placement(holder: Object, representation: Representation) -> Placement:
     """Find where the representation stands on the object's mesh.
 
-    Moving, scaling or turning the mesh's vertices together (as Apply Scale does) is followed.
+    The placement follows when all vertices are moved, scaled or turned together, as Apply Scale does.
 
     Raises
     ------
@@ -72,14 +72,14 @@ def placement(holder: Object, representation: Representation) -> Placement:
     )
     if SPLITS in holder:
         return _placement_of_finer(holder, representation, edited)
-    corners, sizes = mesh_data.read_polygons(holder.data)
+    corners, sizes = read_polygons(holder.data)
     if len(holder.data.vertices) != len(representation.vertices) or not np.array_equal(
         np.cumsum(sizes), representation.face_offsets[1:]
     ):
         raise edited
     if not np.array_equal(corners, representation.face_corners):
         raise edited
-    local = mesh_data.read_positions(holder.data).astype(np.float64)
+    local = read_positions(holder.data).astype(np.float64)
     return _found(holder, representation.at_vertices(), local, edited)
 
 
@@ -89,7 +89,7 @@ def _placement_of_finer(holder: Object, representation: Representation, edited: 
     if (len(holder.data.vertices), len(holder.data.polygons)) != (vertices, faces):
         raise edited
     points = representation.at_vertices()
-    local = mesh_data.read_positions(holder.data)[: len(points)].astype(np.float64)
+    local = read_positions(holder.data)[: len(points)].astype(np.float64)
     return _found(holder, points, local, edited)
 
 
@@ -110,7 +110,7 @@ def _as_stored(holder: Object) -> Placement:
 
 
 def _fitted(points: NDArray[np.float64], local: NDArray[np.float64]) -> Placement:
-    """Affine map that takes the points to the local positions as well as one can."""
+    """Affine map that takes the points to the local positions, by least squares."""
     centre = points.mean(axis=0)
     solution, _, rank, _ = np.linalg.lstsq(points - centre, local - local.mean(axis=0), rcond=1e-9)
     if rank < 3:  # a plane says nothing about the direction across it

@@ -1,0 +1,89 @@
+"""Two results of one mesh, beside each other on one colour scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from bpy.types import Context, Object
+from mathutils import Matrix, Vector
+
+from ..data.colours import ColourScale
+from ..data.result_keys import cut_name
+from ..data.results import create_result
+from .scale import colour_scale
+
+if TYPE_CHECKING:
+    from ...solver.approximation.result import Approximation
+
+SPACE = 0.15
+"""Space between the objects, relative to the source's width."""
+
+Solved = tuple[Any, Any]
+"""A `Source` with its `Approximation`."""
+
+
+def compare_pair(context: Context, done: Sequence[Solved], first: str, second: str, *, beside: bool) -> list[Object]:
+    """Make the objects of two results on the scale that the scene's display settings ask for; the range becomes fixed.
+
+    Parameters
+    ----------
+    done
+        The same source with both results.
+    first, second
+        Choices of `SparseSurfaceComparison`.
+
+    Raises
+    ------
+    SparseSurfaceError
+        When the source was removed or edited since it was read.
+    """
+    scale = colour_scale(context.scene, np.concatenate([result.error for _, result in done]))
+    titles = [_title(choice, result) for choice, (_, result) in zip((first, second), done, strict=True)]
+    made = make_pair(context, done, titles, scale, beside=beside)
+    _fix_range(context, scale.high)
+    return made
+
+
+def make_pair(
+    context: Context, done: Sequence[Solved], titles: Sequence[str], scale: ColourScale, *, beside: bool
+) -> list[Object]:
+    """Make the result objects of one source, coloured with one scale and named after `titles`.
+
+    With `beside` they stand at the source's right; otherwise where the source stands.
+
+    Raises
+    ------
+    SparseSurfaceError
+        When the source was removed or edited since it was read.
+    """
+    made = []
+    for place, ((source, result), title) in enumerate(zip(done, titles, strict=True)):
+        shown = create_result(context, source, result, scale)
+        shown.name = cut_name(shown.name, f" {place + 1} {title}")
+        shown.data.name = shown.name
+        if beside:
+            shift = Vector(((place + 1) * (1.0 + SPACE) * _width(context, shown), 0.0, 0.0))
+            shown.matrix_world = Matrix.Translation(shift) @ shown.matrix_world
+        made.append(shown)
+    return made
+
+
+def _width(context: Context, shown: Object) -> float:
+    context.view_layer.update()
+    along = [(shown.matrix_world @ Vector(corner)).x for corner in shown.bound_box]
+    return max(along) - min(along)
+
+
+def _title(choice: str, result: Approximation) -> str:
+    method: str = result.report["settings"]["method"]
+    return (method if choice == "SCENE" else choice.removeprefix("PRESET_")).title()
+
+
+def _fix_range(context: Context, high: float) -> None:
+    """Keep the common scale when the display settings change: the range becomes a fixed one."""
+    display = context.scene.sparse_surface.display
+    if not display.inside_outside and high > 0.0:
+        display.range_maximum = high
+        display.range_mode = "FIXED"

@@ -1,0 +1,55 @@
+"""Renders a scene to a PNG file whose bytes depend on the picture only."""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+from bpy.types import Scene
+
+from ...solver.atomic_files import atomic_output
+
+
+def render_png(scene: Scene, picture: Path) -> None:
+    """Render to a file that appears when it is complete."""
+    with atomic_output(picture) as draft:
+        scene.render.filepath = str(draft)
+        scene.render.use_file_extension = False
+        with _quiet():
+            bpy.ops.render.render(write_still=True, scene=scene.name)
+        draft.write_bytes(without_texts(draft.read_bytes()))
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the renderer's log, a line for each sample, off the terminal."""
+    try:
+        sys.stdout.flush()
+        terminal = os.dup(1)
+    except (OSError, AttributeError):  # a program without a terminal
+        yield
+        return
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.close(nowhere)
+        yield
+    finally:
+        os.dup2(terminal, 1)
+        os.close(terminal)
+
+
+def without_texts(png: bytes) -> bytes:
+    """Drop a PNG's text chunks: Cycles writes its run time there, and the same picture should be the same file."""
+    kept, at = [png[:8]], 8
+    while at < len(png):
+        (length,) = struct.unpack(">I", png[at : at + 4])
+        if png[at + 4 : at + 8] not in (b"tEXt", b"zTXt", b"iTXt", b"tIME", b"eXIf"):
+            kept.append(png[at : at + 12 + length])
+        at += 12 + length
+    return b"".join(kept)

@@ -1,0 +1,1 @@
+"""The representation that a result holds, and what is made of it: finer meshes, single patches, UV maps."""

@@ -1,0 +1,94 @@
+"""The compiled kernel as a shared library: where it lies, which instructions it may use, why it cannot be used.
+
+A plain shared library loaded by `ctypes` knows nothing of Python or NumPy: one file a platform serves every version of
+both, and Python's lock is free while it works.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+import sys
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+EXTENSIONS = {"win32": "dll", "darwin": "dylib"}
+"""Ends of the names of shared libraries; "so" elsewhere."""
+
+INSTRUCTION_SETS = ("baseline", "avx2", "avx512")
+"""Sets that the kernel is compiled for on x86-64, in the order of `instruction_set`; elsewhere only the first.
+
+They add up in different orders, so their results differ by rounding; on one machine they are always the same.
+"""
+
+
+class NativeSettings(ctypes.Structure):
+    """`Settings` of kernel.h."""
+
+    _fields_ = (
+        ("sparsity", ctypes.c_int64),
+        ("iterations", ctypes.c_int64),
+        ("legendre", ctypes.c_int64),
+        ("ols", ctypes.c_int64),
+        ("beta1", ctypes.c_double),
+        ("beta2", ctypes.c_double),
+    )
+
+
+_COUNTS = ("vertex_count", "triangle_count", "observation_count", "signal_count", "degree", "width", "warm")
+_ARRAYS = ("domain", "triangles", "signals", "corners", "shares", "values", "weights")
+_RESULTS = ("frame", "start", "solved", "support", "coefficients", "fitted", "energy", "squared_error", "history")
+
+
+class NativeProblem(ctypes.Structure):
+    """`Problem` of kernel.h."""
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in _COUNTS),
+        ("noise", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in (*_ARRAYS, *_RESULTS)),
+    )
+
+
+def path() -> Path:
+    """Where the library lies, under the name that the platform wants.
+
+    It has a folder of its own: among the modules it would be taken for one.
+    """
+    return Path(__file__).parent / "built" / f"libkernel.{EXTENSIONS.get(sys.platform, 'so')}"
+
+
+def reason_against() -> str | None:
+    """Why the compiled kernel cannot be used, as a sentence; None where it can."""
+    return _loaded()[1]
+
+
+@lru_cache(maxsize=1)
+def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
+    if not path().is_file():
+        return None, f"The compiled kernel has not been built for {sys.platform} on {platform.machine()}."
+    try:
+        return ctypes.CDLL(str(path())), None
+    except OSError as error:
+        return None, f"The compiled kernel cannot be loaded: {error}."
+
+
+def function(name: str, instructions: str | None = None) -> Any:
+    """A function of the library, for the best instruction set that this processor has, or for another one.
+
+    Raises
+    ------
+    RuntimeError
+        Where the kernel cannot be used.
+    """
+    library, reason = _loaded()
+    if library is None:
+        raise RuntimeError(reason)
+    return library[f"{name}_{instructions or INSTRUCTION_SETS[library.instruction_set()]}"]
+
+
+def supported_sets() -> tuple[str, ...]:
+    """Instruction sets that the kernel was compiled for and this processor has; none where there is no kernel."""
+    library, _ = _loaded()
+    return () if library is None else INSTRUCTION_SETS[: library.instruction_set() + 1]
