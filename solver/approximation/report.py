@@ -35,6 +35,12 @@ class Report:
         What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
     seconds, peak_memory_mb, workers, representation_bytes
         Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import Settings, approximate
+    >>> approximate(vertices, faces, Settings(ring=4, degree=8)).measures.flipped_triangles
+    0
     """
 
     version: str

@@ -18,7 +18,7 @@ API = Path(__file__).resolve().parents[2] / "docs" / "api.md"
 FUNCTIONS = {"approximate", "denoise", "load", "reconstruct", "resample", "run_to_end", "save"}
 STEPS = {"approximate_steps", "denoise_steps", "reconstruct_steps", "resample_steps"}
 ERRORS = {"Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"}
-CLASSES = {"Approximation", "CloudSettings", "Progress", "Reconstruction", "Representation", "Settings"}
+CLASSES = {"Approximation", "CloudSettings", "Progress", "Reconstruction", "Report", "Representation", "Settings"}
 NAMES = FUNCTIONS | STEPS | ERRORS | CLASSES | {"FINISH", "PRESETS"}
 
 
