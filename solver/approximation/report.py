@@ -38,9 +38,10 @@ class Report:
 
     Examples
     --------
-    >>> from sparse_surface.solver import Settings, approximate
-    >>> approximate(vertices, faces, Settings(ring=4, degree=8)).measures.flipped_triangles
-    0
+    >>> from sparse_surface.solver import approximate
+    >>> report = approximate(vertices, faces).measures
+    >>> report.surface_error["max"] >= report.surface_error["rms"], report.as_dict()["patches"] == report.patches
+    (True, True)
     """
 
     version: str

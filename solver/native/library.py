@@ -52,8 +52,11 @@ class NativeProblem(ctypes.Structure):
 
 
 def path() -> Path:
-    """Where the library lies: beside this module, under the name that the platform wants."""
-    return Path(__file__).with_name(f"libkernel.{EXTENSIONS.get(sys.platform, 'so')}")
+    """Where the library lies, under the name that the platform wants.
+
+    It has a folder of its own: among the modules it would be taken for one.
+    """
+    return Path(__file__).parent / "built" / f"libkernel.{EXTENSIONS.get(sys.platform, 'so')}"
 
 
 def reason_against() -> str | None:
