@@ -38,6 +38,8 @@ class PatchMethod:
         each patch near the data.  Otherwise eq. 6 is taken as printed.
     anneals
         Whether beta1 decays over the iterations; the module then has `iterations_down_to`.
+    compiled
+        Whether the compiled kernel solves it too.
     work
         Steps, in units of one iteration, for given numbers of iterations and sweeps: what the estimate of the run time
         grows with.
@@ -51,6 +53,7 @@ class PatchMethod:
     turns_domain: bool = False
     keeps_balance: bool = False
     anneals: bool = False
+    compiled: bool = False
     work: Callable[[int, int], float] = field(default=_steps)
 
 
@@ -68,6 +71,7 @@ METHODS = {
             turns_domain=True,
             keeps_balance=True,
             anneals=True,
+            compiled=True,
             # Half of the patches settle after 9 iterations, soon after the regularisation is annealed.
             work=lambda iterations, sweeps: _steps(min(iterations, 9), sweeps),
         ),

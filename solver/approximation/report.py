@@ -35,6 +35,13 @@ class Report:
         What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
     seconds, peak_memory_mb, workers, representation_bytes
         Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import approximate
+    >>> report = approximate(vertices, faces).measures
+    >>> report.surface_error["max"] >= report.surface_error["rms"], report.as_dict()["patches"] == report.patches
+    (True, True)
     """
 
     version: str

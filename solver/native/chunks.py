@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Indices
 from ..fitting.batch import Frame, Problem
 from ..fitting.chunks import ChunkTask, PatchFit
+from ..patch_methods import METHODS
 from ..settings import Settings
 from .library import NativeProblem, NativeSettings, function, reason_against
 
@@ -24,8 +25,8 @@ FRAME_SIZE = 10
 
 def reason_for_numpy(settings: Settings) -> str | None:
     """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
-    if settings.method != "default":
-        return "The compiled kernel solves the default method only."
+    if not METHODS[settings.method].compiled:
+        return f"The compiled kernel does not solve the method {settings.method!r}."
     if settings.pursuit == "sklearn":
         return "The compiled kernel has pursuits of its own, not scikit-learn's."
     if settings.automatic_sparsity:

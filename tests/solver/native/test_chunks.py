@@ -249,7 +249,7 @@ def test_without_memory_a_sentence_says_so() -> None:
 
 
 def test_the_reason_for_numpy_is_a_sentence() -> None:
-    assert "default method" in str(chunks.reason_for_numpy(Settings(method="paper").resolved()))
+    assert "'paper'" in str(chunks.reason_for_numpy(Settings(method="paper").resolved()))
     assert "sparsity" in str(chunks.reason_for_numpy(Settings(automatic_sparsity=True).resolved()))
     assert chunks.reason_for_numpy(Settings().resolved()) == library.reason_against()
 
