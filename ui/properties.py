@@ -45,6 +45,8 @@ CHOICE_NAMES = {
 LENGTHS = {"tolerance", "noise_level", "noise"}
 """Settings in scene units."""
 
+AS_LENGTH: dict[str, Any] = {"subtype": "DISTANCE", "unit": "LENGTH", "precision": 5}
+
 
 def setting_name(name: str) -> str:
     """Return the name of a setting as the panel shows it."""
@@ -65,7 +67,7 @@ def solver_property(item: dataclasses.Field) -> Any:
     if isinstance(item.default, int):
         return IntProperty(**ranges, **common)
     if item.name in LENGTHS:
-        return FloatProperty(**ranges, **common, subtype="DISTANCE", unit="LENGTH", precision=5)
+        return FloatProperty(**ranges, **common, **AS_LENGTH)
     return FloatProperty(**ranges, **common, precision=3)
 
 
@@ -100,10 +102,8 @@ class SparseSurfaceDisplay(PropertyGroup):
         default=0.01,
         min=1e-12,
         soft_max=10.0,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=5,
         update=_recolour,
+        **AS_LENGTH,
     )
     range_percentile: FloatProperty(
         name="Percentile",
@@ -126,10 +126,8 @@ class SparseSurfaceDisplay(PropertyGroup):
         default=0.001,
         min=1e-12,
         soft_max=10.0,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=5,
         update=_recolour,
+        **AS_LENGTH,
     )
     isolate: BoolProperty(
         name="Hide the Rest",

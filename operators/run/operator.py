@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -56,13 +57,13 @@ class SolverOperator:
             if getattr(cls, name) is getattr(SolverOperator, name):
                 raise TypeError(f"{cls.__name__} has no method '{name}'")
 
+    @abstractmethod
     def tasks(self, context: Context) -> tuple[list[Task], list[str]]:
         """Return what to solve with which settings, and a sentence for each object that is refused."""
-        raise NotImplementedError
 
+    @abstractmethod
     def make_objects(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> list[Object]:
         """Make objects of the results; for each that becomes none, add a sentence to `refusals`."""
-        raise NotImplementedError
 
     def execute(self, context: Context) -> set[str]:
         """Solve in this process and return when all is done: for scripts and without a window."""
