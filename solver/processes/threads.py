@@ -6,7 +6,8 @@ small system where it has more than one, so that the last bit would depend on th
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+import threading
+from contextlib import AbstractContextManager, ExitStack
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -24,9 +25,31 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
+class _Limit:
+    """The limit, from the first of overlapping contexts to the last: it holds for all threads of the process."""
+
+    def __init__(self) -> None:
+        self._lock, self._contexts, self._set = threading.Lock(), 0, ExitStack()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._contexts:
+                self._set.enter_context(_libraries().limit(limits=1, user_api="blas"))
+            self._contexts += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._contexts -= 1
+            if not self._contexts:
+                self._set.close()
+
+
+_LIMIT = _Limit()
+
+
 def one_thread() -> AbstractContextManager[Any]:
-    """Return a context in which BLAS and LAPACK use one thread."""
-    return _libraries().limit(limits=1, user_api="blas")
+    """Return a context in which BLAS and LAPACK use one thread; other threads may be in it at the same time."""
+    return _LIMIT
 
 
 def on_one_thread(steps: Steps[Result]) -> Steps[Result]:

@@ -55,9 +55,10 @@ def test_the_tolerance_is_that_of_the_fit_and_errors_are_those_from_the_input(de
     assert denoised.report["vertex_error"]["max"] == pytest.approx(error.max())
 
 
-def test_seconds_of_the_stages_add_up(denoised) -> None:
+def test_seconds_are_those_of_the_stages_that_ran(denoised) -> None:
     seconds = dict(denoised.report["seconds"])
     total = seconds.pop("total")
     assert set(seconds) == {"cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "denoise"}
-    assert seconds["sweeps"] == 0.0
-    assert 0.8 * total < sum(seconds.values()) <= total
+    assert seconds.pop("sweeps") == 0.0
+    assert min(seconds.values()) > 0.0
+    assert sum(seconds.values()) <= total
