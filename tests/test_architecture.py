@@ -32,7 +32,7 @@ FLOORS = (
     "solver.settings solver.mesh solver.processes",
     "solver.patches solver.denoising",
     "solver.fitting",
-    "solver.surface",
+    "solver.native solver.surface",
     "solver.approximation solver.interchange",
     "solver.reconstruction",
     "solver.job",
