@@ -8,12 +8,12 @@ import bpy
 
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
+from ..operators.data.report_text import one_line
 from ..operators.files.meshes import named, read_meshes, write_meshes
 from ..operators.heat_map.pairs import make_pair
 from ..solver.errors import InputError
 from ..solver.job import approximate_arrays
 from ..solver.progress import run_to_end
-from .approximate import summary
 from .outputs import write_json
 from .progress import progress_display
 
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
     for title, settings in options.settings.items():
         with progress_display(title) as show:
             done[title] = run_to_end(approximate_arrays(read.arrays, settings), show)
-        print(summary(title, done[title].report), flush=True)
+        print(one_line(title, done[title].report), flush=True)
     scale = ColourScale(0.0, max(float(result.error.max(initial=0.0)) for result in done.values()))
     pair = [(read, result) for result in done.values()]
     made = make_pair(bpy.context, pair, [title.title() for title in done], scale, beside=True)

@@ -123,12 +123,11 @@ def _shown_beside(made: Made) -> Iterator[Any]:
         return
     import bpy
 
-    from ..operators.data import points as cloud_data
+    from ..operators.data.points import local_points
     from ..operators.heat_map.point_shapes import create_point_shapes
 
-    points, lengths = cloud_data.read_points(made.source, bpy.context.evaluated_depsgraph_get())
-    spacing = made.report["input"]["spacing"]
-    shapes = create_point_shapes(made.source.name, lengths.to_local(points), spacing)
+    points = local_points(made.source, bpy.context.evaluated_depsgraph_get())
+    shapes = create_point_shapes(made.source.name, points, made.report["input"]["spacing"])
     shapes.matrix_world = made.source.matrix_world
     bpy.context.scene.collection.objects.link(shapes)
     bpy.context.view_layer.update()

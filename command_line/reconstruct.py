@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import bpy
 
 from ..operators.data.colours import ColourScale
 from ..operators.data.points import read_cloud
+from ..operators.data.report_text import one_line
 from ..operators.data.results import create_surface
 from ..operators.files.points import create_base, read_base, read_points
 from ..operators.representation.domain_maps import write_domain_maps
@@ -30,16 +30,6 @@ def run(options: argparse.Namespace) -> None:
     surface = create_surface(bpy.context, source, outcome, scale)
     if options.domain_maps:
         write_domain_maps(surface)
-    print(cloud_summary(points.name, outcome.report), flush=True)
+    print(one_line(points.name, outcome.report), flush=True)
     # The surface has the resolution that was asked for already.
     write_outputs(options, [Made(options.input, points, surface, outcome.report, outcome.representation)])
-
-
-def cloud_summary(name: str, report: dict[str, Any]) -> str:
-    """Return one line about a reconstruction."""
-    surface, relative, size = report["surface_error"], report["relative"], report["input"]
-    return (
-        f"{name}: {size['points']} points over {size['vertices']} vertices, {report['patches']} patches, error "
-        f"rms {surface['rms']:.3g} ({relative['surface_rms']:.2e} of the size), max {surface['max']:.3g} "
-        f"({relative['surface_max']:.2e}), {report['seconds']['total']:.1f} s"
-    )

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from importlib import import_module
 
-import bpy
-
 OPERATORS = (
     "approximate",
     "cancel",
@@ -40,6 +38,8 @@ def operator_classes() -> list[type]:
 
 def register() -> None:
     """Register every operator, and have the modules in `WATCHERS` told of what happens."""
+    import bpy  # the command line reads operators/files/formats.py without Blender
+
     for operator in operator_classes():
         bpy.utils.register_class(operator)
     for name in WATCHERS:
@@ -48,6 +48,8 @@ def register() -> None:
 
 def unregister() -> None:
     """Undo `register`; a run that is under way is ended."""
+    import bpy
+
     for name in reversed(WATCHERS):
         import_module(f".{name}", __package__).unregister()
     for operator in reversed(operator_classes()):

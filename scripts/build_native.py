@@ -92,7 +92,7 @@ def compiler_of_this_machine() -> str | None:
 
 def library_here() -> Path:
     """Where the library of this machine lies: where solver/native/library.py looks for it."""
-    return SOURCES / "built" / f"libkernel.{ {'win32': 'dll', 'darwin': 'dylib'}.get(sys.platform, 'so')}"
+    return SOURCES / "built" / f"libkernel.{ {'win32': 'dll', 'darwin': 'dylib'}.get(sys.platform, 'so') }"
 
 
 def is_current(library: Path) -> bool:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array, Indices
 from .settings import CloudSettings
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class CloudArrays:
     cloud: CloudSettings = field(default_factory=CloudSettings)
     splits: int = 0
 
-    def polygons(self) -> list[NDArray[np.int64]]:
+    def polygons(self) -> list[Indices]:
         """Return the base's polygons as `reconstruct` takes them."""
         return _split(self.corners.astype(np.int64), self.sizes)
 
@@ -112,11 +113,11 @@ class CloudOutcome:
     vertices: NDArray[np.float32]
     corners: NDArray[np.int32]
     sizes: NDArray[np.int32]
-    error: NDArray[np.float64]
+    error: Array
     patch: NDArray[np.int32]
-    domain_stretch: NDArray[np.float64]
-    point_error: NDArray[np.float64]
-    point_weight: NDArray[np.float64]
+    domain_stretch: Array
+    point_error: Array
+    point_weight: Array
     splits: int
     report: dict[str, Any]
     representation: Representation

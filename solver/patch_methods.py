@@ -36,10 +36,10 @@ class PatchMethod:
     keeps_balance
         Whether a sweep scales its weights so that their sum, and so their balance with Q, stays the same, and holds
         each patch near the data.  Otherwise eq. 6 is taken as printed.
-    compiled
-        Whether the kernel of solver/native fits patches by it, too.
     anneals
         Whether beta1 decays over the iterations; the module then has `iterations_down_to`.
+    compiled
+        Whether the compiled kernel solves it too.
     work
         Steps, in units of one iteration, for given numbers of iterations and sweeps: what the estimate of the run time
         grows with.
@@ -52,8 +52,8 @@ class PatchMethod:
     own_settings: tuple[str, ...] = ()
     turns_domain: bool = False
     keeps_balance: bool = False
-    compiled: bool = False
     anneals: bool = False
+    compiled: bool = False
     work: Callable[[int, int], float] = field(default=_steps)
 
 
@@ -70,8 +70,8 @@ METHODS = {
             {"blending": "partition", "basis": "legendre", "pursuit": "ols", "observations": "centroids"},
             turns_domain=True,
             keeps_balance=True,
-            compiled=True,
             anneals=True,
+            compiled=True,
             # Half of the patches settle after 9 iterations, soon after the regularisation is annealed.
             work=lambda iterations, sweeps: _steps(min(iterations, 9), sweeps),
         ),

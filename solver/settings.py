@@ -248,6 +248,12 @@ class CloudSettings(_Checked):
     ------
     SettingsError
         When a value lies outside its range; the message names the range.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import CloudSettings
+    >>> CloudSettings(robust="tukey").robust
+    'tukey'
     """
 
     ring: int = number(

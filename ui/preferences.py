@@ -21,7 +21,7 @@ class SparseSurfacePreferences(AddonPreferences):
 
     workers: IntProperty(
         name="Workers",
-        description="Threads or processes that solve patches, for scenes that name no number. 0: one for each physical core",
+        description="Threads or processes that solve patches, where a scene names no number. 0: one a physical core",
         default=0,
         min=0,
         max=256,

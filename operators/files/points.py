@@ -71,9 +71,7 @@ def create_base(
 
 def _world_points(each: Object) -> NDArray[np.float64]:
     bpy.context.view_layer.update()
-    points, lengths = cloud_data.read_points(each, bpy.context.evaluated_depsgraph_get())
-    matrix = np.array(each.matrix_world, dtype=np.float64)
-    return lengths.to_local(points) @ matrix[:3, :3].T + matrix[:3, 3]
+    return mesh_data.to_world(each, cloud_data.local_points(each, bpy.context.evaluated_depsgraph_get()))
 
 
 def _points_of_text(path: Path) -> NDArray[np.float64]:

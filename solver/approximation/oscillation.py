@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Booleans
+from ..arrays import Array, Booleans
 from ..mesh.sampling import SURFACE_SAMPLES
 from ..patches.observations import MeshObservations
 from .patched_surface import PatchedSurface
@@ -36,7 +35,7 @@ def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshOb
         yield oscillating, surface.observations.with_dense(oscillating)
 
 
-def errors_between(surface: MeshSurface) -> NDArray[np.float64]:
+def errors_between(surface: MeshSurface) -> Array:
     """Largest error of each patch between its observations, (K,), scene units."""
     representation, mesh = surface.representation(), surface.mesh
     errors = np.empty(len(representation.mesh_triangles))
@@ -49,7 +48,7 @@ def errors_between(surface: MeshSurface) -> NDArray[np.float64]:
     return np.maximum.reduceat(errors, starts) if len(starts) else np.zeros(0)
 
 
-def _errors_observed(surface: MeshSurface) -> NDArray[np.float64]:
+def _errors_observed(surface: MeshSurface) -> Array:
     observations = surface.observations
     largest = np.zeros(len(surface.patches))
     for patch, fit in enumerate(surface.fits):

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, runs_of_rows
+from ..arrays import Array, Indices, runs_of_rows
 from ..mesh.quadrics import quadric_terms
 from ..patches.patches import Patches
 
@@ -73,7 +72,7 @@ class Preview:
         return offsets
 
 
-def quadrics(domains: Array, points: Array, offsets: NDArray[np.int64]) -> Array:
+def quadrics(domains: Array, points: Array, offsets: Indices) -> Array:
     """Return what the least-squares quadric of each patch is at its points, (M, 3).
 
     Parameters
@@ -101,7 +100,7 @@ def quadrics(domains: Array, points: Array, offsets: NDArray[np.int64]) -> Array
     return fitted
 
 
-def _normalised(domains: Array, starts: NDArray[np.int64], sizes: NDArray[np.int64]) -> Array:
+def _normalised(domains: Array, starts: Indices, sizes: Indices) -> Array:
     """Move and scale each patch's domain to mean 0 and root mean square 1."""
     centred = domains - np.repeat(np.add.reduceat(domains, starts) / sizes[:, None], sizes, axis=0)
     spread = np.sqrt(np.add.reduceat((centred**2).sum(axis=1), starts) / sizes)

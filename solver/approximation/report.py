@@ -37,6 +37,13 @@ class Report:
         Why NumPy fitted the patches; None where the compiled kernel did.
     seconds, peak_memory_mb, workers, representation_bytes
         Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import approximate
+    >>> report = approximate(vertices, faces).measures
+    >>> report.surface_error["max"] >= report.surface_error["rms"], report.as_dict()["patches"] == report.patches
+    (True, True)
     """
 
     version: str

@@ -163,9 +163,9 @@ def _lies_within(value: Any, low: float, high: float) -> bool:
 
 
 def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: float) -> Steps[tuple[Array, float]]:
-    """Return the moved vertices, and the noise level that was used in the end.
+    """Return the moved vertices, and the noise level that was finally used.
 
-    Starts from the level that is `asked` for; `known` is the noise that there can be.
+    Starts from the level that is `asked` for; `known` is the largest plausible noise.
     """
     used = mesh.vertices[mesh.triangles]
     centre, scale = used.mean(axis=(0, 1)), mesh.longest_side
@@ -177,7 +177,7 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: fl
         end = fraction + 0.8 * (1.0 - fraction)
         moved, directions = yield from within(_pass(surface, noisy, noise_level, relative), fraction, end)
         along = np.abs(((moved - noisy) * directions).sum(axis=1))[mesh.used[: len(noisy)]]
-        # Noise moves half of the vertices by less than 0.67 of its level; more means that shape was taken for noise.
+        # Removing noise moves half of the vertices by less than 0.67 of its level; larger moves flatten the shape.
         if step == _STEPS_DOWN or np.median(along) <= known / scale:
             break
         noise_level, relative, fraction = noise_level / 2, relative / 2, end
@@ -208,7 +208,7 @@ def _pass(surface: Surface, noisy: Array, noise_level: float, relative: float) -
 def _average_of_patches(
     surface: Surface, noisy: Array, normals: Array, noise_level: float, rule: PatchRule
 ) -> Steps[PatchAverage]:
-    """Fit patches until each triangle lies in enough of them: few on plain sides, many where patches stay small."""
+    """Fit patches until enough of them cover each triangle: few on flat sides, many where patches stay small."""
     fitter = PatchFitter(surface, noisy, normals, noise_level, rule)
     average = PatchAverage(len(surface.triangles), len(noisy), rule.misfit_power)
     order = _scattered(np.flatnonzero(normals.any(axis=1)))
@@ -226,5 +226,5 @@ def _average_of_patches(
 
 
 def _scattered(numbers: Indices) -> Indices:
-    """Return the numbers in an order any beginning of which is spread evenly over them."""
+    """Return the numbers in an order of which every prefix is spread evenly over them."""
     return numbers[np.argsort(np.arange(len(numbers)) * _GOLDEN % 1.0, kind="stable")]

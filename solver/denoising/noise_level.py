@@ -1,4 +1,4 @@
-"""How large the noise of a mesh is, told from the mesh alone."""
+"""Estimate how large the noise of a mesh is from the mesh alone."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .normal_filter import filter_normals
 from .surface import Surface
 
 FEWEST_VERTICES = 200
-"""With fewer vertices away from borders and creases than this, noise cannot be told from shape."""
+"""With fewer vertices away from borders and creases, noise cannot be distinguished from shape."""
 
 STRONG = 0.35
-"""Noise above this share of the mean edge length leaves little in single normals for a bilateral filter to go by."""
+"""Noise above this share of the mean edge length makes single normals useless for a bilateral filter."""
 
 _FOLDED = 0.14  # share of edges with the triangles folded over each other that only strong noise makes
 _CREASE = 0.35  # angle between filtered normals across an edge
@@ -31,15 +31,15 @@ _NEIGHBOURHOOD = 3  # rings
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """What a mesh tells of its noise.
+    """The noise estimated from a mesh.
 
     Attributes
     ----------
     level
-        Standard deviation of the noise along the surface's normals, in scene units; 0 where nothing can be told.
+        Standard deviation of the noise along the surface's normals, in scene units; 0 where it cannot be estimated.
     unevenness
         Coefficient of variation of the fine relief's mean size around each vertex.  About 0.2 for noise, which is
-        the same everywhere; more for what belongs to the shape.
+        the same everywhere; larger for relief that belongs to the shape.
     """
 
     level: float

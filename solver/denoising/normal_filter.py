@@ -2,7 +2,7 @@
 
 After Zheng, Fu, Au and Tai, "Bilateral normal filtering for mesh denoising" (TVCG 2011), with a width for each pair of
 triangles: what the noise makes of their normals.  One width for all would let the noise of small triangles through or
-round the creases between large ones off.
+round off the creases between large ones.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Each patch starts small and doubles while the larger fit moves the smaller one's surface by no more than the noise
 does (in the spirit of Lepski's rule): flat sides are averaged over hundreds of triangles, fine relief over a dozen.
 Triangles whose guiding normal the quadratic does not follow and vertices far off it lose their weight (Welsch), so
-what leaks over a crease does not count.  Curvature that noise alone could have made is shrunk (James and Stein), which
-turns the patches of a plane into planes.
+what reaches across a crease does not count.  Curvature that noise alone could have made is shrunk (James and Stein),
+which turns the patches of a plane into planes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .patch_growth import Claims, GrowingPatches, agreeing_neighbours, chunk_siz
 from .surface import Surface
 
 TERMS = 6  # 1, u, v, u^2, u v, v^2
-FEWEST_VERTICES = 8  # with fewer, or with less weight than that of so many, a quadratic says nothing
+FEWEST_VERTICES = 8  # with fewer, or with less weight than theirs, a quadratic is meaningless
 
 _RESIDUAL_WIDTH = 2.0  # noise levels
 _RIM_TAPER = 0.7  # how much less a vertex at the rim weighs than one at the seed
@@ -96,7 +96,7 @@ class Fits:
     misfit
         Mean squared residual over that of the noise, (P,).
     sound
-        Patches with enough vertices to say something, (P,).
+        Patches with enough vertices to be meaningful, (P,).
     """
 
     triangles: Indices

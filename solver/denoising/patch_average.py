@@ -1,4 +1,4 @@
-"""What overlapping patches say together: normals of triangles, and at each vertex the planes it should lie on."""
+"""Averages over overlapping patches: normals of triangles, and the planes on which each vertex should lie."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Sums:
 
 
 class PatchAverage:
-    """Averages of what patches say, each weighted with how well it knows: the inverse of its variance there.
+    """Averages over patches, each weighted with the inverse of its variance at the place.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class PatchAverage:
         self.coverage = np.zeros(triangle_count, dtype=np.int64)
 
     def add(self, fits: Fits) -> None:
-        """Take patches in; those that are not sound say nothing."""
+        """Add patches; those that are not sound are ignored."""
         fits = fits.select(fits.sound)
         if not len(fits):
             return
@@ -82,17 +82,17 @@ class PatchAverage:
         self.coverage += np.bincount(covered, minlength=len(self.coverage))
 
     def normals(self, guide: Array) -> Array:
-        """Return the triangles' averaged normals, (T, 3); the guide's where no patch says anything."""
+        """Return the triangles' averaged normals, (T, 3); the guide's where no patch has a value."""
         averaged = unit(self._normals.total())
         return np.where((averaged == 0).all(axis=1)[:, None], guide, averaged)
 
     def planes(self) -> tuple[Array, Array, Array]:
-        """Return what the vertices should satisfy in the mean.
+        """Return the mean equations of the vertices.
 
         Returns
         -------
         Mean of n n^T over the planes at each vertex, (V, 3, 3), of n d with d the distance to the plane along n,
-        (V, 3), and the total weight, (V,), 0 where no patch says anything.
+        (V, 3), and the total weight, (V,), 0 where no patch has a value.
         """
         sums = self._planes.total()
         weight = sums[:, 9]

@@ -11,7 +11,7 @@ _MOST_RINGS = 3.0  # times the square root of the number of triangles
 
 
 def chunk_size(columns: int) -> int:
-    """Return how many patches may grow at once on a mesh with so many triangles: their tables fit in 64 MB each."""
+    """Return how many patches may grow at once on a mesh with this many triangles: their tables fit in 64 MB each."""
     return int(np.clip(_TABLE_ENTRIES // max(columns, 1), 16, 128))
 
 

@@ -1,4 +1,4 @@
-"""What every step of denoising asks of a mesh: triangles in one orientation, their neighbours, their normals."""
+"""The mesh as all steps of denoising use it: triangles in one orientation, and their neighbours."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from .surface import Surface
 LARGEST_MOVE = 3.5  # noise levels
 
 _ALONG = 1e-3
-_ACROSS = 0.15  # resistance to sliding along the surface; what a crease of 60 degrees has to say weighs 0.25
+_ACROSS = 0.15  # resistance to sliding along the surface; the planes of a crease of 60 degrees weigh 0.25
 _FILLING_STEPS = 10
 
 

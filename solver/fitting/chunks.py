@@ -97,8 +97,8 @@ def chunk_task(observations: Observations, domains: Array, settings: Settings, c
     chunk
         Numbers of the patches.
     """
-    problems = [p for k in chunk for p in patch_problems(observations, domains, settings, int(k))]
-    return ChunkTask(chunk, problems, settings)
+    each = (problems_of(observations, observations.of_patch(k), domains, settings, k) for k in map(int, chunk))
+    return ChunkTask(chunk, [problem for problems in each for problem in problems], settings)
 
 
 def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1, pieces: int = 1) -> list[Indices]:
@@ -122,15 +122,10 @@ def chunk_patches(observations: Observations, which: Indices, problems_each: int
     return chunks
 
 
-def patch_problems(observations: Observations, domains: Array, settings: Settings, patch: int) -> list[Problem]:
-    """Problems of one patch: one for x, y and z together, or one for each."""
-    return problems_of(observations, observations.of_patch(patch), domains, settings, patch)
-
-
 def problems_of(
     observations: Observations, own: PatchObservations, domains: Array, settings: Settings, patch: int
 ) -> list[Problem]:
-    """Problems of the patch whose observations are `own`."""
+    """Problems of the patch whose observations are `own`: one for x, y and z together, or one for each."""
     patches = observations.patches
     vertices = slice(*patches.vertex_offsets[patch : patch + 2])
     triangles = patches.triangles[slice(*patches.triangle_offsets[patch : patch + 2])]

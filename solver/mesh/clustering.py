@@ -14,10 +14,10 @@ from ..arrays import Array, Indices
 from .normals import triangle_areas
 
 SAMPLE = 100_000
-"""From so many triangles the area is estimated, for which the memory of a large mesh is not walked through."""
+"""Triangles from which the area is estimated; reading all of a large mesh would take longer."""
 
 MARGIN = 1.05
-"""By so much more than seems needed a cube grows, in length, where there are too many triangles still."""
+"""Where there are still too many triangles, a cube's side grows by this factor more than seems needed."""
 
 
 def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Indices, Indices]:
@@ -30,7 +30,7 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Indic
     triangles
         Corners, (T, 3).
     most
-        How many triangles there may be; with no more than that the mesh stays as it is.
+        Most triangles of the result; a mesh with at most this many stays unchanged.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def coarsen(vertices: ArrayLike, triangles: ArrayLike, most: int) -> tuple[Indic
     places = places - places.min(axis=0)  # a cube at a corner of the mesh can grow to hold it all
     # A surface passes through about one cube for each face of a cube that it could cover, with two triangles.
     side = np.sqrt(2.0 * area / most) or float(np.ptp(places)) / most or 1.0
-    while True:  # with larger cubes each time, until it is all in one at the latest
+    while True:  # ends: the cubes grow until one holds the whole mesh
         kept, cluster = _clusters(places, side)
         coarse = _each_once(cluster[corners])
         if len(coarse) <= most:

@@ -1,9 +1,8 @@
-"""Projection of points on a triangle mesh: the closest point, then along smoothed normals.
+"""Projection of points on a triangle mesh: to the closest point, then along smoothed normals.
 
-The closest point alone is not enough to parameterise a cloud: above a convex edge of a coarse base whole wedges of
-points fall on the edge itself, below a concave one none does.  Along normals that change linearly over each triangle
-(Kobbelt et al. 1999's "Phong" projection) every part of the base gets its share, and neighbouring points stay
-neighbours.
+The closest point alone cannot parameterise a cloud: above a convex edge of a coarse base, whole wedges of points fall
+on the edge itself; below a concave edge, none does.  Along normals that change linearly over each triangle ("Phong"
+projection, Kobbelt et al. 1999) the points spread over the whole base, and neighbours stay neighbours.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from .triangle_mesh import TriangleMesh
 
 WALK_STEPS = 24
 LONGEST_DETOUR = 3.0
-"""A projection along normals may be so many times longer than the way to the closest point, plus a mean edge."""
+"""Most that a projection along normals may be longer than the way to the closest point, besides half an edge."""
 
 
 def smoothed_normals(mesh: TriangleMesh, smoothing: int = 1) -> Array:
     """Unit normals of the vertices, (V, 3): of the adjacent triangles weighted with their angles, then averaged with
     neighbours.
 
-    Where the mesh has no orientation a triangle's normal counts as it is.
+    Where the mesh has no orientation, triangles keep their own winding.
     """
     ends = mesh.vertices[mesh.triangles]
     turn = np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
@@ -47,9 +46,7 @@ def smoothed_normals(mesh: TriangleMesh, smoothing: int = 1) -> Array:
 
 
 def project(points: Array, mesh: TriangleMesh) -> Footpoints:
-    """Project points (N, 3) on a mesh along its smoothed vertex normals; by closest point where that leads nowhere
-    near.
-    """
+    """Project points (N, 3) on a mesh along smoothed vertex normals, or to the closest point where that is too far."""
     start = closest_points(points, mesh.vertices, mesh.triangles)
     nearest = np.linalg.norm(start.on(mesh.vertices, mesh.triangles) - points, axis=1)
     normals = smoothed_normals(mesh)
@@ -59,7 +56,7 @@ def project(points: Array, mesh: TriangleMesh) -> Footpoints:
         normal = interpolate(normals, corners, feet.barycentric)
         offset = points[which] - interpolate(mesh.vertices, corners, feet.barycentric)
         height = (offset * normal).sum(axis=1) / np.maximum((normal**2).sum(axis=1), 1e-300)
-        # derivative of x + height n along the triangle's sides: what is left is made orthogonal to the normal
+        # derivative of x + height n along the triangle's sides; the miss has no part along the normal
         columns = [
             (mesh.vertices[corners[:, k]] - mesh.vertices[corners[:, 0]])
             + height[:, None] * (normals[corners[:, k]] - normals[corners[:, 0]])
@@ -86,7 +83,7 @@ def walk(
 ) -> tuple[Footpoints, Booleans]:
     """Solve an equation for points on a mesh by Newton's method, from triangle to triangle.
 
-    A step that leaves its triangle stops at the side and goes on in the triangle beyond; at an open border it slides.
+    A step that leaves its triangle stops at the side and continues in the triangle beyond; at an open border it slides.
 
     Parameters
     ----------
@@ -121,9 +118,7 @@ def walk(
 
 
 def _move(mesh: TriangleMesh, triangle: Indices, barycentric: Array, moving: Indices, change: Array) -> Array:
-    """Move points by changes of their barycentric coordinates, into the next triangle at most; returns what was
-    moved.
-    """
+    """Move points by changes of their barycentric coordinates, to the next triangle at most; return what they moved."""
     before = barycentric[moving]
     after = before + change
     leaves = after < 0.0

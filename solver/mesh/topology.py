@@ -132,7 +132,7 @@ def solve_winding(count: int, pairs: Indices, agree: Booleans, areas: Array) -> 
 
     Returns
     -------
-    (count,) 1: as it is, -1: reverse, 0: the triangle's component has no orientation.
+    (count,) 1: keep, -1: reverse, 0: the triangle's component has no orientation.
     """
     winding = np.ones(count, dtype=np.int8)
     if agree.all():

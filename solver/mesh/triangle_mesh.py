@@ -1,9 +1,9 @@
-"""Triangle meshes: triangulation of polygons, adjacency, components, borders, cuts where the mesh is no manifold.
+"""Triangle meshes: triangulation of polygons, adjacency, components, borders, cuts where the mesh is not manifold.
 
-Everything after this module works on *nodes* instead of vertices.  On a manifold mesh they are the same.  Where more
-than two triangles meet at an edge, or several fans of triangles at a vertex ("bow tie"), the mesh is cut: each fan
-gets a node of its own, so that every node has a single fan and no patch extends across a cut.  The vertices there are
-passed through, which keeps the surface in one piece.
+All later modules work on *nodes* instead of vertices.  On a manifold mesh they are the same.  Where more
+than two triangles meet at an edge, or several fans of triangles at a vertex ("bow tie"), the mesh is cut: each fan gets
+its own node, so that every node has a single fan and no patch extends across a cut.  The vertices there are passed
+through, which keeps the surface in one piece.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def build_mesh(
     faces
         (F, n) integer array, or a list of polygons of any length.
     triangles
-        A triangulation of the faces that is known already: corners (T, 3) and the face of each triangle (T,).
+        A known triangulation of the faces: corners (T, 3) and the face of each triangle (T,).
 
     Raises
     ------

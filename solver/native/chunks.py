@@ -43,7 +43,7 @@ def reason_for_numpy(settings: Settings) -> str | None:
 
 def _reason_against(settings: Settings) -> str | None:
     if not METHODS[settings.method].compiled:
-        return f"The compiled kernel has no method {settings.method!r}."
+        return f"The compiled kernel does not solve the method {settings.method!r}."
     if settings.pursuit == "sklearn":
         return "The compiled kernel has pursuits of its own, not scikit-learn's."
     if settings.automatic_sparsity:

@@ -11,7 +11,7 @@ from ..arrays import Booleans, Indices, row_positions
 from ..mesh.triangle_mesh import TriangleMesh
 
 _FAR = np.iinfo(np.int64).max
-_ONE_AT_A_TIME = 32  # beyond this many hops centres are so few that each is placed by itself
+_ONE_AT_A_TIME = 32  # beyond this many hops there are few centres, placed one at a time
 
 
 def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -> Indices:
@@ -56,7 +56,7 @@ def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -
 
 
 def hops_from(mesh: TriangleMesh, sources: Indices) -> Indices:
-    """Return the number of edges from each node to the nearest source, (N,); a huge number where there is no path."""
+    """Return the number of edges from each node to the nearest source, (N,); `_FAR` where there is no path."""
     distance = np.full(mesh.node_count, _FAR)
     _lower(distance, mesh.adjacency.indptr.astype(np.int64), mesh.adjacency.indices, sources)
     return distance
@@ -81,7 +81,7 @@ def gather_neighbours(
 
 
 def _lower(distance: Indices, offsets: Indices, neighbours: NDArray[np.integer[Any]], sources: Indices) -> None:
-    """Lower `distance` in place to the hops from `sources`; nodes at -1 are walked through but not counted."""
+    """Lower `distance` in place to the hops from `sources`; paths may pass nodes at -1, which keep their value."""
     reached = distance
     walls = distance < 0
     if walls.any():

@@ -1,4 +1,4 @@
-"""Which rings around a centre are topological disks, and how the others become some (paper, section 4).
+"""Which rings around a centre are topological disks, and how the others are repaired (paper, section 4).
 
 A ring is the set of triangles that touch the (k - 1)-ring of a vertex, one row of a boolean matrix (patches, mesh
 triangles).  All rings are checked at once.
@@ -17,7 +17,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 
 _LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
 _LARGEST_GAP = 0.25  # filled gap, as a share of the patch's triangles
-_MOST_TRIANGLES = 20_000  # a larger ring is made smaller, but where a single vertex has as many
+_MOST_TRIANGLES = 20_000  # a larger ring shrinks, unless a single vertex has as many
 _CHUNK = 1024  # rings handled together; bounds the memory
 
 
@@ -120,7 +120,7 @@ class _Limits:
         on_border = np.flatnonzero(loop >= 0)
         loop_component = np.zeros(len(sides), dtype=np.int64)
         loop_component[loop[on_border]] = mesh.component[mesh.edges[on_border, 0]]
-        # A disk with so many border edges can have fewer triangles than their square; a hole lies in more.
+        # A disk with n border edges can have fewer than n^2 triangles; the surface around a hole has more.
         small = (sides <= 2 * ring) & (total[loop_component] > sides**2)
         is_open = np.zeros(mesh.component_count, dtype=bool)
         is_open[loop_component[~small]] = True
@@ -150,7 +150,7 @@ def _disks_of_radius(mesh: TriangleMesh, limits: _Limits, centres: Indices, radi
 
 
 def _are_disks(mesh: TriangleMesh, limits: _Limits, members: csr_array) -> Booleans:
-    """Tell which patches are disks: Euler characteristic 1 and a boundary that meets itself nowhere.
+    """Tell which patches are disks: Euler characteristic 1 and a boundary that never touches itself.
 
     Patches are connected, and around each node there is one fan.  So a boundary with two sides at each of its vertices
     makes a patch a surface with boundary, and of these only the disk has Euler characteristic 1.
@@ -170,7 +170,7 @@ def _are_disks_in_chunk(mesh: TriangleMesh, limits: _Limits, members: csr_array)
     ends = border_row[:, None] * np.int64(mesh.node_count) + mesh.edges[border_edge]
     end, sides = np.unique(ends, return_counts=True)
     holes, in_holes, longest_hole = _enclosed_holes(limits, count, border_row, border_edge)
-    # A loop around a small hole in a flat surface is longer by six for each ring; the end of a tube is no such hole.
+    # A loop around a small hole in a flat surface is longer by six for each ring; the end of a tube is not such a hole.
     shortest = np.where(holes > 0, 2 * longest_hole + 6, 3)
     bad = np.bincount(border_row, minlength=count) - in_holes < shortest
     bad[end[sides > 2] // mesh.node_count] = True

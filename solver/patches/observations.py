@@ -57,7 +57,7 @@ class PatchObservations:
     blending
         Blending weight of the patch at each of them, phi, (N,).
     degree
-        Highest total degree that so many observations can hold.
+        Highest total degree for this number of observations.
     noise
         Standard deviation of the observed points, scene units.
     """

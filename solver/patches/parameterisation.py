@@ -25,7 +25,7 @@ METHODS = ("lscm", "harmonic", "tutte")
 _CHUNK = 20_000  # vertices factorised together; bounds the memory
 _SMALLEST_RATIO = 1e-3  # of domain area to surface area, where the whole patch has 1
 _UNUSABLE_RATIO = 1e-6
-_SLACK = 1e-4  # of the mean edge: by so much two sides of a triangle have to be longer than the third
+_SLACK = 1e-4  # of the mean edge: least excess of two sides of a triangle over the third
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +81,8 @@ class DomainQuality:
         domain, small where a finger of the surface lies in a narrow spot of the domain.  Below 0.1 a patch should be
         split.
     unusable
-        Domains with a triangle of no area to speak of, (K,).  The tip of a long thin finger gets next to nothing in
-        the domain of the plane that it stands on, by any method.  Such a patch has to be split.
+        Domains with a triangle of almost no area, (K,).  Every method squeezes the tip of a long thin finger to
+        almost nothing in the domain of the plane that it stands on.  Such a patch has to be split.
     """
 
     squeeze: Array
@@ -229,7 +229,7 @@ def _solve_lscm(patches: Patches, geometry: _Geometry) -> Array:
     first, second = _far_apart(outer, geometry.positions)
     values = np.zeros(count, dtype=np.complex128)
     values[second] = np.linalg.norm(geometry.positions[second] - geometry.positions[first], axis=1)
-    # Two border vertices at the same place still have to be told apart.
+    # Two border vertices at the same place still need different images.
     values[second[values[second] == 0]] = 1.0
     held = np.zeros(count, dtype=bool)
     held[first] = held[second] = True

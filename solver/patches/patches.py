@@ -1,9 +1,9 @@
 """Patches: overlapping k-rings that are topological disks (paper, section 4).
 
-A patch consists of all triangles that touch the (k - 1)-ring of its centre, so its vertices are the k-ring.  One that
-is no disk is repaired: enclosed gaps are filled, then the ring is made smaller; what no patch holds any more is covered
-again by smaller rings.  A small hole of the mesh inside a patch does not count: such a patch has one outer boundary and
-the hole's.  Everything is done for all patches at once; a patch never gets a Python loop of its own.
+A patch consists of all triangles that touch the (k - 1)-ring of its centre, so its vertices are the k-ring.  A patch
+that is not a disk is repaired: enclosed gaps are filled, then the ring is made smaller; smaller rings cover what no
+patch holds any more.  A small hole of the mesh inside a patch is allowed: such a patch has two boundaries.  All patches
+are processed at once; there is no Python loop over patches.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Patches:
         Mesh triangle of each of them, (S,).
     rim_distance
         Edges to the rim, (M,): 0 on the rim, that is at vertices with a triangle outside of the patch, and at
-        vertices that are passed through.  An open border of the mesh is no rim.  A patch without a rim has a constant.
+        vertices that are passed through.  An open border of the mesh is not a rim.  Without a rim it is constant.
     passed_through
         Vertices that no patch holds off its rim, (V,).
     levels
@@ -83,7 +83,7 @@ class Patches:
         return self.triangles + np.repeat(self.vertex_offsets[:-1], np.diff(self.triangle_offsets))[:, None]
 
     def select(self, which: Indices | Booleans) -> Patches:
-        """Return some of the patches, in the order given; `passed_through` stays as it is."""
+        """Return some of the patches, in the given order; `passed_through` does not change."""
         chosen = np.arange(len(self))[which]
         vertex_rows, vertex_offsets = row_positions(self.vertex_offsets, chosen)
         triangle_rows, triangle_offsets = row_positions(self.triangle_offsets, chosen)

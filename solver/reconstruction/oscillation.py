@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..approximation.patched_surface import PatchedSurface
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..mesh.sampling import triangle_grid
 from ..patches.blending import PLATEAU
 from .observations import CloudObservations
@@ -29,9 +28,7 @@ LOWEST_DEGREE = 2
 """A patch is refitted at most this often, each time with its degree multiplied by this, but never a lower one."""
 
 
-def oscillating_in_cloud(
-    surface: CloudSurface, planes: TangentPlanes
-) -> Iterator[tuple[NDArray[np.bool_], CloudObservations]]:
+def oscillating_in_cloud(surface: CloudSurface, planes: TangentPlanes) -> Iterator[tuple[Booleans, CloudObservations]]:
     """Find patches that leave the tangent planes, to be fitted with lower degrees (see `refit_oscillating`).
 
     Of all its fits each patch keeps the one that stays nearest to the planes.

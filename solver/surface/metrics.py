@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Indices, runs_of_rows
+from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..fitting.domain_energy import DomainEnergy, determinant
 from ..mesh.edges import edge_keys
 from ..mesh.normals import angle_between, face_normals
@@ -90,12 +90,12 @@ class EdgePairs:
 
     triangles: Indices
     corners: Indices
-    on_rim: NDArray[np.bool_]
+    on_rim: Booleans
 
     def __len__(self) -> int:
         return len(self.on_rim)
 
-    def select(self, which: NDArray[np.bool_] | slice) -> EdgePairs:
+    def select(self, which: Booleans | slice) -> EdgePairs:
         """Return some of the edges."""
         return EdgePairs(self.triangles[:, which], self.corners[:, which], self.on_rim[which])
 

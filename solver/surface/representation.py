@@ -183,7 +183,7 @@ class Representation:
     def _patchwise(self, first: int, offsets: Indices, domain: Array, values: Array) -> None:
         """Put the values of patches from `first` on at parameters (C, N, 2), split at `offsets`, into `values` (N, 3).
 
-        The tables of the polynomials are the same for all patches, and dear for each by itself.
+        The polynomials' tables are computed for many patches at once, because single patches are expensive.
         """
         u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
         offsets = offsets - offsets[0]

@@ -17,7 +17,7 @@ import scenes
 
 
 def cielab(linear):
-    """CIE 1976 L*a*b* of linear sRGB under D65; independent of the space that the ramp was made in."""
+    """CIE 1976 L*a*b* of linear sRGB under D65; independent of the space in which the map was designed."""
     to_xyz = np.array(
         [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
     )
@@ -45,6 +45,14 @@ def test_ramp_rises_in_lightness_for_every_kind_of_eye(eyes):
 def test_ramp_is_even_to_the_eye():
     steps = np.linalg.norm(np.diff(cielab(ramp().astype(float)), axis=0), axis=1)
     assert steps.max() < 3.0 * steps.min()
+
+
+def test_ramp_is_the_published_viridis():
+    published = {0: "440154", 64: "3b528b", 128: "21918c", 192: "5ec962", 255: "fde725"}
+    ours = np.rint(255.0 * linear_to_srgb(ramp())).astype(int)
+    assert {k: "".join(f"{c:02x}" for c in ours[k]) for k in published} == published
+    colours = pytest.importorskip("matplotlib").colormaps["viridis"].colors
+    assert np.allclose(linear_to_srgb(ramp()), colours, atol=2e-5)
 
 
 @pytest.mark.parametrize("eyes", ["none", "protanopia", "deuteranopia"])
@@ -98,6 +106,22 @@ def test_range_follows_the_display_settings_at_once():
     assert len(np.unique(colours(), axis=0)) == 2
     inside = np.all(np.isclose(colours(), colours()[np.argmin(error)]), axis=1)
     assert np.array_equal(inside, error <= np.float32(display.tolerance))
+
+
+def test_the_settings_tolerance_divides_inside_from_outside_where_there_is_one():
+    scenes.creased_sheet()
+    made = scenes.approximate()
+    settings = bpy.context.scene.sparse_surface
+    settings.display.tolerance, settings.tolerance = 0.25, 0.125
+    assert shown_range()[2] == 0.0
+    settings.display.inside_outside = True
+    assert shown_range()[2] == 0.125
+    settings.tolerance = 0.0
+    settings.display.tolerance = 0.0625
+    assert shown_range()[2] == 0.0625
+    outside = scenes.values(made.data, "error") > 0.0625
+    two = np.where(outside[:, None], colour_ramp.OUTSIDE, colour_ramp.INSIDE)
+    assert np.allclose(scenes.values(made.data, "error_color", "color", 4)[:, :3], srgb_to_linear(two), atol=1e-6)
 
 
 def test_any_two_meshes_can_be_compared():

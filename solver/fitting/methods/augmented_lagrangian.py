@@ -1,19 +1,18 @@
-"""The paper's own solver: the augmented-Lagrangian iteration of section 3.3.
+"""The paper's own method: the augmented-Lagrangian iteration of section 3.3 (eq. 5, steps 1 to 4).
 
-Each iteration updates four things in turn, with everything else held:
+Each iteration updates four variables in turn, with the others held:
 
 1. the sparse coefficients c, by orthogonal matching pursuit on f + lambda / rho;
-2. the domain U, minimising rho/2 sum (f - h(u) + lambda / rho)^2 + Q(U);
+2. the domain U = argmin rho/2 sum (f - h(u) + lambda / rho)^2 + Q(U), by L-BFGS-B with the analytic gradient, one patch
+   at a time as in the paper (which lets dlib's BFGS difference the function);
 3. the auxiliary values f = (2 b + rho a) / (2 + rho) with a = h(u) - lambda / rho;
 4. the multipliers lambda += tau rho (f - h(u)).
 
-The paper minimises step 2 with dlib's BFGS, one patch at a time, and lets it difference the function.  Here all the
-patches of a batch share one limited-memory BFGS with the analytic gradient (see `quasi_newton`): the same minimum, for
-a fraction of the time.  With the printed settings the iteration does not settle within 15 steps, since the multipliers
-gather what no 15 functions can represent; therefore each problem keeps its best iterate.
+With the printed settings the iteration does not converge within 15 steps, since the multipliers accumulate what no 15
+functions can represent; therefore each problem keeps its best iterate.
 
-Observation weights w, which eq. 6 brings in (1 / n_p^2), multiply every square.  That is the printed iteration with the
-surface itself, what the other patches contribute plus h_k / n_p, for f; step 3 stays as it is.
+Observation weights w, which eq. 6 introduces (1 / n_p^2), multiply every square.  That is the printed iteration with
+the surface itself, what the other patches contribute plus h_k / n_p, for f; step 3 stays as it is.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from ...arrays import Array, Booleans, Indices
 from ...settings import Settings
@@ -29,14 +29,12 @@ from ..dictionary import Dictionary, coefficient_grid
 from ..domain_energy import DomainEnergy
 from ..solution import Solution, Trace
 from ..sparse_fit import Fit, as_wide_as, least_squares, merge, select
-from .lbfgs import minimise
 
 STOP_CHANGE = 1e-6
-"""A problem ends when the root mean square of its misfit changes by less, in its frame (half width 1)."""
+"""A problem stops when the root mean square of its misfit changes by less, in its frame (half width 1)."""
 
-DOMAIN_STEPS = 60
-DOMAIN_TOLERANCE = 1e-6
-"""Limits of the quasi-Newton minimisation in step 2."""
+MINIMISER = {"maxiter": 60, "ftol": 1e-8, "gtol": 0.0, "maxcor": 12}
+"""Limits and memory of the quasi-Newton minimisation in step 2."""
 
 
 def solve(batch: Batch, dictionary: Dictionary, settings: Settings) -> Solution:
@@ -60,10 +58,10 @@ def solve(batch: Batch, dictionary: Dictionary, settings: Settings) -> Solution:
 def improve(
     batch: Batch, dictionary: Dictionary, settings: Settings, domain: Array, support: Indices, iterations: int
 ) -> Solution:
-    """Go on from an earlier solution, domains (2, B, m) and functions (B, D, s), with f = b.
+    """Continue from an earlier solution, domains (2, B, m) and functions (B, D, s), with f = b.
 
-    This updates the pair (c_k, U_k) of each problem in the Gauss-Seidel solver of eq. 6.  The earlier solution, its
-    coefficients fitted anew, counts as an iterate: no problem ends with more energy than that.
+    This updates the pair (c_k, U_k) of each problem in the Gauss-Seidel solver of eq. 6.  The earlier solution with
+    refitted coefficients counts as an iterate: no problem ends with more energy than that.
     """
     iteration = Iteration(batch, dictionary, settings, domain, batch.values)
     iteration.take(least_squares(batch, dictionary, domain, as_wide_as(iteration.fit, support)))
@@ -95,9 +93,10 @@ class Iteration:
         self.fit = select(batch, dictionary, domain, settings.sparsity, settings.pursuit)
         self.energy = self.misfit = self.best_energy = np.full(batch.problems, np.inf)
         self.best_domain, self.best_fit = domain, self.fit
+        self._alone: dict[int, Batch] = {}
 
     def run(self, iterations: int) -> Solution:
-        """Iterate until nothing changes any more, and return the best iterates."""
+        """Iterate until nothing changes, and return the best iterates."""
         trace = Trace(self.settings.keep_iterations)
         running = np.ones(self.batch.problems, dtype=bool)
         for _ in range(iterations):
@@ -115,7 +114,7 @@ class Iteration:
         """Steps 1 to 4 for the problems that are running."""
         settings = self.settings
         fit = self.choose()
-        domain = self.move(fit)
+        domain = self.move(fit, running)
         fitted = self.fitted(domain, fit)
         f = closed_form_f(self.batch.values, fitted, self.multipliers, settings.rho)
         multipliers = self.multipliers + settings.tau * settings.rho * (f - fitted)
@@ -130,12 +129,17 @@ class Iteration:
         target = replace(self.batch, values=self.target)
         return select(target, self.dictionary, self.domain, self.settings.sparsity, self.settings.pursuit)
 
-    def move(self, fit: Fit) -> Array:
-        """Step 2: domains, (2, B, m), for given coefficients."""
-        problems = self.batch.problems
-        points = self.domain.swapaxes(0, 1).reshape(problems, -1)
-        moved = minimise(self.objective(fit), points, steps=DOMAIN_STEPS, tolerance=DOMAIN_TOLERANCE)
-        return moved.reshape(problems, 2, -1).swapaxes(0, 1)
+    def move(self, fit: Fit, running: Booleans) -> Array:
+        """Step 2: domains, (2, B, m), for given coefficients; those of problems that have stopped stay."""
+        domain, objective = self.domain.copy(), self.objective(fit)
+        for k in map(int, np.flatnonzero(running)):
+            if k not in self._alone:
+                self._alone[k] = self.batch.only(np.array([k]))
+            own = objective.only(k, self._alone[k])
+            with np.errstate(over="ignore", invalid="ignore"):  # a step that is far too long
+                found = minimize(own.of_one, domain[:, k].ravel(), jac=True, method="L-BFGS-B", options=MINIMISER)
+            domain[:, k] = found.x.reshape(2, -1)
+        return domain
 
     def objective(self, fit: Fit) -> DomainObjective:
         """What step 2 minimises."""
@@ -225,6 +229,22 @@ class DomainObjective:
         value = self.half_rho * (weighted * residual).sum(axis=(1, 2)) + regularisation
         gradient += 2.0 * self.half_rho * batch.collected(force)
         return value, gradient.swapaxes(0, 1).reshape(batch.problems, -1)
+
+    def of_one(self, point: Array) -> tuple[float, Array]:
+        """Value and gradient of a single problem, for SciPy."""
+        value, gradient = self(point[None])
+        return float(value[0]), gradient[0]
+
+    def only(self, k: int, batch: Batch) -> DomainObjective:
+        """The objective of problem k, which `batch` holds alone."""
+        rigidity = batch.energy
+        if self.rigidity is not self.batch.energy:
+            reference = self.rigidity.start.reshape(2, self.batch.problems, -1)[:, k]
+            rigidity = DomainEnergy.of(reference, batch.triangles)
+        weights = self.weights[0][[k]], self.weights[1][[k]]
+        return replace(
+            self, batch=batch, grid=self.grid[[k]], target=self.target[[k]], weights=weights, rigidity=rigidity
+        )
 
     def regularisation(self, domain: Array) -> tuple[Array, Array]:
         """Q(U), (B,), and its gradient, (2, B, m), at domains (2, B, m)."""

@@ -59,7 +59,8 @@ def gauss_newton_move(
     single = batch.single
     precision = single.observe.dtype
     beta2 = (weights[1] / unit**2).astype(precision)[:, None]
-    rows, slopes = orthonormal.astype(precision), _in_units(gradient, unit).astype(precision)
+    slopes = (gradient if (unit == 1.0).all() else gradient / unit[:, None, None]).astype(precision)
+    rows = orthonormal.astype(precision)
     shift = ((weights[0] + damping) / unit**2).astype(precision)[:, None]
 
     def apply(move: Singles) -> Singles:
@@ -83,13 +84,6 @@ def _units(gradient: Array) -> Array:
     """Unit of each problem's slopes, (B,): one, except for functions far steeper than those of a surface."""
     largest = np.maximum(gradient.max(axis=(0, 2, 3)), -gradient.min(axis=(0, 2, 3)))
     return np.where(largest > LARGEST_SLOPE, largest, 1.0)
-
-
-def _in_units(gradient: Array, unit: Array) -> Array:
-    if (unit == 1.0).all():
-        return gradient
-    scaled: Array = gradient / unit[:, None, None]
-    return scaled
 
 
 def _conjugate_gradients(

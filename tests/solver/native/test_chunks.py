@@ -199,9 +199,12 @@ def test_fits_are_the_same_bytes_alone_together_and_in_threads(instructions: str
     settings = Settings().resolved()
     given = problems(settings)
     together = as_bytes(chunks.fit_natively(task_of(given, settings), instructions))
+
+    def fit(one: Problem) -> bytes:
+        return as_bytes(chunks.fit_natively(task_of([one], settings), instructions))[0]
+
     with ThreadPoolExecutor(3) as executor:
-        tasks = [task_of([one], settings) for one in given for _ in range(2)]
-        alone = [as_bytes(fits)[0] for fits in executor.map(lambda task: chunks.fit_natively(task, instructions), tasks)]
+        alone = list(executor.map(fit, [one for one in given for _ in range(2)]))
     assert alone[::2] == alone[1::2] == together
 
 
@@ -249,7 +252,7 @@ def test_without_memory_a_sentence_says_so() -> None:
 
 
 def test_the_reason_for_numpy_is_a_sentence() -> None:
-    assert "default method" in str(chunks.reason_for_numpy(Settings(method="paper").resolved()))
+    assert "'paper'" in str(chunks.reason_for_numpy(Settings(method="paper").resolved()))
     assert "sparsity" in str(chunks.reason_for_numpy(Settings(automatic_sparsity=True).resolved()))
     assert chunks.reason_for_numpy(Settings().resolved()) == library.reason_against()
 

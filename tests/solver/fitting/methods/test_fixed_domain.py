@@ -11,7 +11,7 @@ from sklearn.linear_model import orthogonal_mp
 from sparse_surface.benchmarks.generated_models import cube, cubetorus, cylinder
 from sparse_surface.solver import Settings, approximate
 from sparse_surface.solver.fitting.batch import Problem, build_batch
-from sparse_surface.solver.fitting.chunks import patch_problems
+from sparse_surface.solver.fitting.chunks import chunk_task
 from sparse_surface.solver.fitting.dictionary import Dictionary
 from sparse_surface.solver.fitting.methods import fixed_domain as traditional
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
@@ -34,7 +34,7 @@ def problems_of(model: tuple, settings: Settings) -> list[Problem]:
         mesh, patches, weights, settings.blending, None, settings.observations != "vertices"
     )
     domains = initial_domains(mesh, patches, settings.initial_domain)
-    return [p for k in range(len(patches)) for p in patch_problems(observations, domains, settings, k)]
+    return chunk_task(observations, domains, settings, np.arange(len(patches))).problems
 
 
 def test_agrees_with_scikit_learn_on_100_random_patches() -> None:

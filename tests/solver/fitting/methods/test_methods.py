@@ -136,10 +136,11 @@ def test_a_history_is_kept_when_asked_for(name: str) -> None:
 
 @every_method
 def test_sweeps_bring_the_blended_surface_nearer(name: str) -> None:
-    vertices, faces = cube(8)
+    vertices, faces = cube(6)
     errors = []
     for sweeps in (0, 2):
-        result = approximate(vertices, faces, settings_for(name, ring=4, sweeps=sweeps, workers=1, beta1=0.0))
+        quick = settings_for(name, ring=4, degree=8, sparsity=8, iterations=4, sweeps=sweeps, workers=1, beta1=0.0)
+        result = approximate(vertices, faces, quick)
         errors.append(((result.vertices - vertices) ** 2).sum())
     assert errors[1] < errors[0]
 
@@ -170,11 +171,11 @@ patch_methods.METHODS["quadratic"] = PatchMethod(
     "quadratic", "quadratic", "A quadratic.", patch_methods.PRINTED, work=lambda iterations, sweeps: 0.5)
 
 from sparse_surface.benchmarks.generated_models import sphere
-from sparse_surface.command_line.main import build_parser, settings_of
+from sparse_surface.command_line.arguments import parse
 from sparse_surface.operators.run.estimate import estimate
 from sparse_surface.solver import Settings, approximate
 
-settings = settings_of(build_parser().parse_args(["approximate", "a.obj", "--method", "quadratic", "--workers", "1"]))
+settings = parse(["approximate", "a.obj", "--method", "quadratic", "--workers", "1"]).settings
 assert settings == Settings(method="quadratic", workers=1)
 result = approximate(*sphere(12), settings)
 assert result.report["method"] == "quadratic" and result.representation.support.max() == 5

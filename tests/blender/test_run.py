@@ -1,0 +1,60 @@
+"""What operators that run the solver share."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+from bl_ext.user_default.sparse_surface import operators
+from bl_ext.user_default.sparse_surface.operators.run import preloading
+from bl_ext.user_default.sparse_surface.operators.run.operator import SolverOperator
+
+sys.path.insert(0, str(Path(__file__).parent))
+import scenes
+
+RUN = ("approximate.py", "run/operator.py", "run/control.py", "preview/object.py")
+"""The modules that Blender goes through between the button and the result and that import inside functions."""
+
+
+@pytest.mark.parametrize("missing", ["tasks", "make_objects"])
+def test_an_operator_without_what_it_must_say_is_refused(missing: str) -> None:
+    methods = {name: lambda *_: ([], []) for name in ("tasks", "make_objects") if name != missing}
+    with pytest.raises(TypeError, match=f"no method '{missing}'"):
+        type("Lacking", (SolverOperator,), methods)
+
+
+def test_each_operator_is_a_file_of_its_name() -> None:
+    folder = Path(operators.__file__).parent
+    assert sorted(operators.OPERATORS) == sorted(each.stem for each in folder.glob("*.py") if each.stem != "__init__")
+    for operator, name in zip(operators.operator_classes(), operators.OPERATORS, strict=True):
+        assert operator.bl_idname == f"sparse_surface.{name}"
+
+
+def imports_in_functions(path: Path, package: str) -> set[str]:
+    """Return the modules that a file's functions import."""
+    functions = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.FunctionDef)]
+    found = [node for each in functions for node in ast.walk(each) if isinstance(node, ast.ImportFrom)]
+    return {importlib.util.resolve_name("." * node.level + (node.module or ""), package) for node in found}
+
+
+def test_pressing_the_button_loads_no_module_after_preloading(run_bpy) -> None:
+    folder, root = Path(operators.__file__).parent, f"{scenes.EXTENSION}.operators"
+    packages = {name: f"{root}.{Path(name).parent.name}".rstrip(".") for name in RUN}
+    wanted = set().union(*(imports_in_functions(folder / name, packages[name]) for name in RUN))
+    assert len(wanted) >= 4
+    done = run_bpy(
+        f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import scenes
+scenes.enable_extension()
+from importlib import import_module
+for name in {preloading._NEEDED!r}:
+    import_module(name, "{root}.run")
+print("missing", sorted({wanted!r} - set(sys.modules)))
+"""
+    )
+    assert "missing []" in done.stdout, done.stdout + done.stderr

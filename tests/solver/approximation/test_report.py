@@ -1,0 +1,63 @@
+"""The report: its keys for meshes, clouds and denoised meshes, and what its figures are measured against."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+from noisy import with_noise
+from sparse_surface.benchmarks.generated_clouds import ball
+from sparse_surface.benchmarks.generated_models import cube
+from sparse_surface.solver import Report, Settings, approximate, reconstruct
+
+QUICK = {"workers": 1, "iterations": 1, "sweeps": 0, "ring": 4, "degree": 6, "sparsity": 8}
+COUNTS = {"input", "patches", "flipped_triangles", "passed_through_vertices", "representation_bytes", "workers"}
+ERRORS = {"vertex_error", "surface_error", "relative", "seam_max", "normal_error_degrees", "energy", "iterations"}
+ALWAYS = {"version", "method", "settings", "seconds", "peak_memory_mb", *COUNTS, *ERRORS}
+
+
+def noisy_cube():
+    vertices, faces = cube(6)
+    return with_noise(vertices, faces, 3e-3, 21), faces
+
+
+@pytest.fixture(scope="module")
+def denoised():
+    return approximate(*noisy_cube(), Settings(**QUICK, denoise="first", tolerance=0.01))
+
+
+def test_a_report_has_only_what_applies(denoised) -> None:
+    mesh = approximate(*cube(6), Settings(**QUICK))
+    made = ball(300)
+    cloud = reconstruct(made.points, made.base_vertices, made.base_faces, Settings(**QUICK))
+    assert set(mesh.report) == ALWAYS
+    assert set(cloud.report) == {*ALWAYS, "cloud"}
+    assert set(denoised.report) == {*ALWAYS, "tolerance", "denoise"}
+    for result in (mesh, cloud, denoised):
+        assert isinstance(result.measures, Report)
+        assert result.report is result.report, "made once"
+        assert json.loads(json.dumps(result.report)) == result.report
+        assert result.measures.vertex_error == result.report["vertex_error"]
+
+
+def test_a_report_cannot_be_changed(denoised) -> None:
+    with pytest.raises(FrozenInstanceError):
+        denoised.measures.patches = 0
+
+
+def test_the_tolerance_is_that_of_the_fit_and_errors_are_those_from_the_input(denoised) -> None:
+    fit, achieved = denoised.report["denoise"]["fit"], denoised.report["tolerance"]["achieved"]
+    assert achieved == max(fit["vertex_error"]["max"], fit["surface_error"]["max"]) <= 0.01
+    assert set(fit) == {"vertex_error", "surface_error", "normal_error_degrees"}
+    error = np.linalg.norm(denoised.vertices - noisy_cube()[0], axis=1)
+    assert denoised.report["vertex_error"]["max"] == pytest.approx(error.max())
+
+
+def test_seconds_of_the_stages_add_up(denoised) -> None:
+    seconds = dict(denoised.report["seconds"])
+    total = seconds.pop("total")
+    assert set(seconds) == {"cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "denoise"}
+    assert seconds["sweeps"] == 0.0
+    assert 0.8 * total < sum(seconds.values()) <= total
