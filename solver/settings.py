@@ -190,8 +190,19 @@ class Settings(_Checked):
         0.0, 0.0, 1e12, "Standard deviation of the noise in scene units. 0: estimated from the mesh"
     )
     pin_boundary: bool = switch(False, "Keep the vertices of open borders where they are")
+    solver: str = choice(
+        AUTOMATIC,
+        "What fits the patches",
+        auto="The compiled kernel where it can, NumPy otherwise; the report says why",
+        native="The compiled kernel, several times as fast. Refused where it cannot be used",
+        numpy="NumPy, the reference",
+    )
     workers: int = number(
-        0, 0, 256, "Processes that solve patches. 0: one for each physical core; 1: all in this process", soft=(0, 32)
+        0,
+        0,
+        256,
+        "Threads or processes that solve patches. 0: one for each physical core; 1: all in this process",
+        soft=(0, 32),
     )
 
     @property

@@ -29,7 +29,7 @@ DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
 OF_ONE_METHOD = tuple(name for method in METHODS.values() for name in method.own_settings)
 SWEEPS = ("sweeps", "blending")
 NOISE = ("denoise", "denoise_strength", "noise_level")
-OUTPUT = ("keep_iterations", "workers")
+OUTPUT = ("keep_iterations", "solver", "workers")
 
 MORE = tuple(
     name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *OF_ONE_METHOD, *SWEEPS, *NOISE, *OUTPUT}

@@ -8,6 +8,7 @@ from bpy.types import AddonPreferences, Context, Scene
 
 from ..operators.run.preferences import ADD_ON, preferences
 from ..operators.run.requirements import missing_packages, package_versions
+from ..solver.native.library import reason_against as kernel_missing
 from ..solver.settings import PRESETS
 
 
@@ -20,7 +21,7 @@ class SparseSurfacePreferences(AddonPreferences):
 
     workers: IntProperty(
         name="Workers",
-        description="Processes that solve patches, for scenes that name no number. 0: one for each physical core",
+        description="Threads or processes that solve patches, where a scene names no number. 0: one a physical core",
         default=0,
         min=0,
         max=256,
@@ -45,6 +46,9 @@ class SparseSurfacePreferences(AddonPreferences):
             split.alignment = "RIGHT"
             split.label(text=name)
             split.label(text=version, translate=False)
+        reason = kernel_missing()
+        if reason is not None:
+            column.label(text=reason, icon="INFO")
         if missing_packages():
             column.label(text="Install the add-on's zip for your platform: it includes what is missing", icon="ERROR")
 

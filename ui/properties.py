@@ -40,6 +40,8 @@ CHOICE_NAMES = {
     "first": "Denoise, then Approximate",
     "vertex": "Per Vertex",
     "printed": "As Printed",
+    "native": "Compiled Kernel",
+    "numpy": "NumPy",
 }
 
 LENGTHS = {"tolerance", "noise_level", "noise"}

@@ -102,7 +102,7 @@ def approximate_steps(
     settings, watch = (settings or Settings()).resolved(), Stopwatch()
     given = MeshInput(np.asarray(vertices), faces, triangles, weights)
     vertex_count = len(given.positions) if given.positions.ndim else 0
-    with chunk_runner(settings.workers, vertex_count, executor) as runner:
+    with chunk_runner(settings, vertex_count, executor) as runner:
         if settings.denoise == "off":
             return (yield from _approximate(given, settings, runner, watch))
         start = 0.9 if settings.denoise == "only" else 0.4

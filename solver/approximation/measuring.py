@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
+from ..native.chunks import reason_for_numpy
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
 from ..version import VERSION
@@ -118,6 +119,7 @@ def measure(
         energy=iterations["energy"],
         iterations=iterations,
         tolerance=tolerance,
+        numpy_reason=reason_for_numpy(surface.settings),
         seconds=watch.report(),
         peak_memory_mb=surface.runner.peak_memory_mb(),
         workers=surface.runner.workers,

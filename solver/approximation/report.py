@@ -33,6 +33,8 @@ class Report:
         What `measured_iterations` returns; the energies are there twice.
     tolerance, denoise
         What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
+    numpy_reason
+        Why NumPy fitted the patches; None where the compiled kernel did.
     seconds, peak_memory_mb, workers, representation_bytes
         Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
 
@@ -61,6 +63,7 @@ class Report:
     energy: list[float]
     iterations: dict[str, list[float]]
     tolerance: dict[str, Any] | None
+    numpy_reason: str | None
     seconds: dict[str, float]
     peak_memory_mb: float
     workers: int

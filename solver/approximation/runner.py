@@ -1,16 +1,18 @@
-"""Running chunks of patches: in this process, in worker processes, or on any `concurrent.futures.Executor`."""
+"""Running chunks of patches: in this process, its threads, worker processes, or any `concurrent.futures.Executor`."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ..fitting.chunks import ChunkTask, PatchFit, fit_chunk
+from ..fitting.chunks import ChunkTask, PatchFit
+from ..native.chunks import fit_chunk, reason_for_numpy
 from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
+from ..settings import Settings
 
 TASKS_AHEAD = 2
 """Tasks that each worker has running or waiting; more would only take memory."""
@@ -19,7 +21,7 @@ UNKNOWN_WORKERS = 16
 """Workers that the caller's executor is assumed to have unless the settings say."""
 
 VERTICES_WORTH_A_WORKER = 2000
-"""Fewer vertices are fitted before a new process has started."""
+"""Fewer vertices are fitted before a new process has started, or, by the compiled kernel, in a blink."""
 
 
 @dataclass(frozen=True)
@@ -67,18 +69,27 @@ class ChunkRunner:
 
 
 @contextmanager
-def chunk_runner(workers: int, vertices: int, executor: Executor | None = None) -> Iterator[ChunkRunner]:
-    """Provide the runner for a mesh; processes started for it end with the block, at once if it is left early.
+def chunk_runner(settings: Settings, vertices: int, executor: Executor | None = None) -> Iterator[ChunkRunner]:
+    """Provide the runner for a mesh; what was started for it ends with the block.
+
+    If the block is left early, worker processes end at once, and threads after the chunk that they are fitting.
 
     Parameters
     ----------
-    workers
-        `Settings.workers`: 0 for one process for each physical core, fewer on small meshes; 1 for this process alone.
+    settings
+        Resolved settings.  Their `workers` are 0 for one thread or process for each physical core, fewer on small
+        meshes; 1 for this thread alone.
     vertices
         Number of vertices of the mesh.
     executor
         The caller's own, which stays open; `workers` then says how many chunks it runs at once.
+
+    Raises
+    ------
+    SettingsError
+        When the settings ask for the compiled kernel and it cannot be used.
     """
+    threads, workers = reason_for_numpy(settings) is None, settings.workers
     if executor is not None:
         yield ChunkRunner(executor, workers or UNKNOWN_WORKERS)
         return
@@ -86,7 +97,8 @@ def chunk_runner(workers: int, vertices: int, executor: Executor | None = None) 
     if count == 1:
         yield ChunkRunner()
         return
-    own = WorkerExecutor(count, preload="fitting.chunks")
+    # The compiled kernel frees Python's lock, so threads do; NumPy holds it too often.
+    own = ThreadPoolExecutor(count, "sparse surface") if threads else WorkerExecutor(count, preload="native.chunks")
     try:
         yield ChunkRunner(own, count)
     finally:

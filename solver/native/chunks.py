@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
+from ..errors import SettingsError
+from ..fitting import chunks as by_numpy
 from ..fitting.batch import Frame, Problem
 from ..fitting.chunks import ChunkTask, PatchFit
 from ..patch_methods import METHODS
@@ -24,7 +26,22 @@ FRAME_SIZE = 10
 
 
 def reason_for_numpy(settings: Settings) -> str | None:
-    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
+    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does.
+
+    Raises
+    ------
+    SettingsError
+        When the settings ask for the kernel and it cannot be used.
+    """
+    if settings.solver == "numpy":
+        return "The settings ask for NumPy."
+    reason = _reason_against(settings)
+    if reason is not None and settings.solver == "native":
+        raise SettingsError(reason)
+    return reason
+
+
+def _reason_against(settings: Settings) -> str | None:
     if not METHODS[settings.method].compiled:
         return f"The compiled kernel does not solve the method {settings.method!r}."
     if settings.pursuit == "sklearn":
@@ -84,7 +101,18 @@ def _as_frame(numbers: Array, signals: int) -> Frame:
     return Frame(numbers[:2].copy(), turn, numbers[6 : 6 + signals].copy(), float(numbers[9]))
 
 
-def fit_chunk(task: ChunkTask, instructions: str | None = None) -> list[PatchFit]:
+def fit_chunk(task: ChunkTask) -> list[PatchFit]:
+    """Fit the patches of a chunk on this thread, by the compiled kernel or by NumPy.
+
+    Raises
+    ------
+    MemoryError
+        When it does not suffice, with a sentence that says so.
+    """
+    return fit_natively(task) if reason_for_numpy(task.settings) is None else by_numpy.fit_chunk(task)
+
+
+def fit_natively(task: ChunkTask, instructions: str | None = None) -> list[PatchFit]:
     """Fit the patches of a chunk on this thread; what a patch becomes depends on nothing else in the chunk.
 
     Raises
@@ -94,9 +122,13 @@ def fit_chunk(task: ChunkTask, instructions: str | None = None) -> list[PatchFit
     ValueError
         When an observation lies in no triangle of its patch, or a function is not in the dictionary.
     """
-    prepared = [Prepared.of(problem, task.settings) for problem in task.problems]
-    natives = (NativeProblem * len(prepared))(*(one.native for one in prepared))
-    status = function("fit_problems", instructions)(natives, len(natives), byref(native_settings(task.settings)))
+    fit_problems = function("fit_problems", instructions)
+    try:
+        prepared = [Prepared.of(problem, task.settings) for problem in task.problems]
+        natives = (NativeProblem * len(prepared))(*(one.native for one in prepared))
+        status = fit_problems(natives, len(natives), byref(native_settings(task.settings)))
+    except MemoryError:
+        status = OUT_OF_MEMORY
     check(status, task.problems)
     each = len(prepared) // len(task.patches)
     return [_patch_fit([one.solved for one in prepared[k : k + each]]) for k in range(0, len(prepared), each)]

@@ -120,7 +120,7 @@ def reconstruct_steps(
     checked = checked_points(points)
     base = checked_base(base_vertices, base_faces)
     refuse_distant(checked, base)
-    with chunk_runner(settings.workers, len(checked), executor) as runner:
+    with chunk_runner(settings, len(checked), executor) as runner:
         return (yield from _Work(checked, base, settings, cloud or CloudSettings(), runner).steps())
 
 

@@ -27,7 +27,7 @@ from sparse_surface.solver import CloudSettings, Settings, approximate, reconstr
 from threadpoolctl import threadpool_info
 
 RECORD = Path(__file__).with_suffix(".json")
-VARYING = ("seconds", "peak_memory_mb", "workers")
+VARYING = ("seconds", "peak_memory_mb", "workers", "numpy_reason")
 ARRAYS = (
     "vertices",
     "error",
@@ -64,7 +64,7 @@ def _mesh(model: Callable[[], Any], noise: float = 0.0, **settings: Any) -> Call
         vertices, faces = model()
         if noise:
             vertices = with_noise(vertices, faces, noise, 7)
-        return approximate(vertices, faces, Settings(**settings, workers=workers))
+        return approximate(vertices, faces, Settings(**settings, solver="numpy", workers=workers))
 
     return run
 
@@ -73,7 +73,8 @@ def _cloud(cloud: Callable[[], Any], options: dict[str, Any] | None = None, **se
     def run(workers: int) -> Any:
         made = cloud()
         base = made.base_vertices, made.base_faces
-        return reconstruct(made.points, *base, Settings(**settings, workers=workers), CloudSettings(**(options or {})))
+        by_numpy = Settings(**settings, solver="numpy", workers=workers)
+        return reconstruct(made.points, *base, by_numpy, CloudSettings(**(options or {})))
 
     return run
 
@@ -102,7 +103,7 @@ CASES: dict[str, Callable[[int], Any]] = {
 
 def _plain(report: dict[str, Any]) -> dict[str, Any]:
     kept = {name: value for name, value in report.items() if name not in VARYING}
-    kept["settings"] = {name: value for name, value in kept["settings"].items() if name != "workers"}
+    kept["settings"] = {name: value for name, value in kept["settings"].items() if name not in ("workers", "solver")}
     return _rounded(kept)
 
 

@@ -50,7 +50,7 @@ def task_of(given: list[Problem], settings: Settings, each: int = 1) -> ChunkTas
 
 def both(task: ChunkTask, instructions: str) -> tuple[list[PatchFit], list[PatchFit]]:
     """Return the fits of NumPy and of the kernel."""
-    return by_numpy.fit_chunk(task), chunks.fit_chunk(task, instructions)
+    return by_numpy.fit_chunk(task), chunks.fit_natively(task, instructions)
 
 
 def rms(given: list[Problem], fits: list[PatchFit]) -> float:
@@ -92,7 +92,7 @@ def test_what_a_fit_says_agrees_with_itself(instructions: str) -> None:
     """Values, squared errors and history follow from domain, support and coefficients."""
     settings = Settings(keep_iterations=True).resolved()
     given = problems(settings)
-    for one, fit in zip(given, chunks.fit_chunk(task_of(given, settings), instructions), strict=True):
+    for one, fit in zip(given, chunks.fit_natively(task_of(given, settings), instructions), strict=True):
         assert fit.history is not None
         assert fit.history.shape == (15, len(one.domain), 3)
         vertices = len(one.domain)  # the first observations are the vertices
@@ -147,7 +147,7 @@ def test_noisy_observations_take_as_few_functions_as_with_numpy(instructions: st
 def test_fewer_observations_than_functions(instructions: str) -> None:
     settings = Settings().resolved()
     given = [replace(problem(hill, side=3, seed=seed), degree=14) for seed in range(3)]
-    for one, fit in zip(given, chunks.fit_chunk(task_of(given, settings), instructions), strict=True):
+    for one, fit in zip(given, chunks.fit_natively(task_of(given, settings), instructions), strict=True):
         assert fit.support.shape == (3, 9)
         assert np.abs(fit.values - one.values).max() < 1e-6
 
@@ -168,7 +168,7 @@ def test_the_scene_unit_does_not_matter(instructions: str, scale: float) -> None
     settings = Settings(iterations=4).resolved()
     plain = [problem(crease, seed=1, inside=True)]
     scaled = [replace(problem(crease, seed=1, inside=True, scale=scale))]
-    fit, other = (chunks.fit_chunk(task_of(some, settings), instructions)[0] for some in (plain, scaled))
+    fit, other = (chunks.fit_natively(task_of(some, settings), instructions)[0] for some in (plain, scaled))
     assert rms(scaled, [other]) == pytest.approx(rms(plain, [fit]) * scale, rel=1e-2)
 
 
@@ -185,7 +185,7 @@ def degenerate(kind: str) -> Problem:
 
 @pytest.mark.parametrize("kind", ["one point", "flat domain", "no weights", "huge"])
 def test_degenerate_patches_end_with_finite_numbers(instructions: str, kind: str) -> None:
-    fit = chunks.fit_chunk(task_of([degenerate(kind)], Settings().resolved()), instructions)[0]
+    fit = chunks.fit_natively(task_of([degenerate(kind)], Settings().resolved()), instructions)[0]
     assert np.isfinite(fit.domain).all()
     assert np.isfinite(fit.values).all()
     assert np.isfinite(fit.coefficients).all()
@@ -198,10 +198,13 @@ def as_bytes(fits: list[PatchFit]) -> list[bytes]:
 def test_fits_are_the_same_bytes_alone_together_and_in_threads(instructions: str) -> None:
     settings = Settings().resolved()
     given = problems(settings)
-    together = as_bytes(chunks.fit_chunk(task_of(given, settings), instructions))
+    together = as_bytes(chunks.fit_natively(task_of(given, settings), instructions))
+
+    def fit(one: Problem) -> bytes:
+        return as_bytes(chunks.fit_natively(task_of([one], settings), instructions))[0]
+
     with ThreadPoolExecutor(3) as executor:
-        tasks = [task_of([one], settings) for one in given for _ in range(2)]
-        alone = [as_bytes(fits)[0] for fits in executor.map(lambda task: chunks.fit_chunk(task, instructions), tasks)]
+        alone = list(executor.map(fit, [one for one in given for _ in range(2)]))
     assert alone[::2] == alone[1::2] == together
 
 
@@ -211,11 +214,11 @@ def test_arrays_that_contradict_each_other_are_refused(instructions: str) -> Non
     corners = one.corners.copy()
     corners[-1] = [0, 1, len(one.domain) - 1]
     with pytest.raises(ValueError, match="contradict"):
-        chunks.fit_chunk(task_of([replace(one, corners=corners)], settings), instructions)
-    fit = chunks.fit_chunk(task_of([one], settings), instructions)[0]
+        chunks.fit_natively(task_of([replace(one, corners=corners)], settings), instructions)
+    fit = chunks.fit_natively(task_of([one], settings), instructions)[0]
     wrong = replace(warm([one], [fit])[0], degree=1)
     with pytest.raises(ValueError, match="contradict"):
-        chunks.fit_chunk(task_of([wrong], settings), instructions)
+        chunks.fit_natively(task_of([wrong], settings), instructions)
 
 
 WITHOUT_MEMORY = """
@@ -233,7 +236,7 @@ one = replace(problem(hill, side=60, inside=True), degree=30)
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + (64 << 20),) * 2)
 try:
-    chunks.fit_chunk(ChunkTask(np.arange(1), [one], settings))
+    chunks.fit_natively(ChunkTask(np.arange(1), [one], settings))
 except MemoryError as error:
     print(error)
 """
