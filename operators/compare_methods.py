@@ -8,8 +8,9 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
-from ..solver.settings import PRESETS, Settings
+from ..solver.settings import Settings
 from .data.objects import selected_meshes
+from .data.presets import preset_values
 from .run.operator import Solved, SolverOperator, Task, read_sources, scene_settings
 from .run.poll import MESHES_TO_SOLVE, needs, one_mesh
 
@@ -60,4 +61,4 @@ def chosen_settings(context: Context, choice: str) -> Settings:
     scene = scene_settings(context)
     if choice == "SCENE":
         return scene
-    return Settings(**{**PRESETS[choice.removeprefix("PRESET_")], "workers": scene.workers})
+    return Settings.from_dict({**preset_values(choice.removeprefix("PRESET_")), "workers": scene.workers})

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator
 
+from .data.lengths import length_text
 from .data.report_text import table
 from .data.result_keys import read_report
 from .run.poll import needs, result
@@ -34,8 +36,11 @@ class SPARSE_SURFACE_OT_copy_statistics(Operator):
 
     def execute(self, context: Context) -> set[str]:
         report = read_report(context.active_object) or {}
-        as_text = self.form == "TEXT"
-        text = table(context.active_object.name, report) if as_text else json.dumps(report, indent=2)
+        if self.form == "TEXT":
+            length = partial(length_text, context.scene, digits=6)
+            text = table(context.active_object.name, report, length)
+        else:
+            text = json.dumps(report, indent=2)
         context.window_manager.clipboard = text
         self.report({"INFO"}, rpt_("Statistics copied"))
         return {"FINISHED"}

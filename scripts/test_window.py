@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -111,7 +112,8 @@ def event_options(script: Path) -> list[str]:
     With it Blender's main loop never sleeps: one core is busy however idle the window is.  So what measures time or
     load does without.
     """
-    return ["--enable-event-simulate"] if "driver.press(" in script.read_text(encoding="utf-8") else []
+    presses = re.search(r"driver\.press\(|event_simulate\(", script.read_text(encoding="utf-8"))
+    return ["--enable-event-simulate"] if presses else []
 
 
 def blenders() -> list[Executable | ToolVersion]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from importlib import import_module
 
-MODULES = ("properties", "preferences", "presets", "panels", "inspect_panel", "legend", "command", "translations")
+MODULES = (
+    "properties", "preferences", "presets", "panels", "result_panel", "inspect_panel",
+    "advanced_panel", "legend", "command", "translations",
+)  # fmt: skip
 """The modules that register something, in this order; each has `register` and `unregister`."""
 
 

@@ -1,4 +1,4 @@
-"""The panels for a result's representation and for comparing methods."""
+"""The panels for one patch of a result and for comparing methods."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout, UIList
 
-from ..operators.data.result_keys import has_patches, has_representation, read_report, shows_patches
-from .panels import SubPanel
+from ..operators.data.result_keys import has_representation
+from .result_panel import UnderResult
+from .sidebar import SubPanel
 
 
 class SPARSE_SURFACE_UL_terms(UIList):
@@ -34,32 +35,12 @@ class SPARSE_SURFACE_UL_terms(UIList):
             amounts.label(text=f"{amount:.2e}" if amount else "·", translate=False)
 
 
-class SPARSE_SURFACE_PT_representation(SubPanel, Panel):
-    bl_label = "Representation"
-
-    def draw(self, context: Context) -> None:
-        column = self.column(context)
-        report = read_report(context.active_object)
-        if report is None or not has_representation(context.active_object):
-            self.layout.label(text="Select a result to work with its surface")
-        else:
-            size = report["representation_bytes"] / 1e6
-            column.label(text=iface_("{} patches, {:.2g} MB").format(report["patches"], size), translate=False)
-        inspection = context.scene.sparse_surface.inspection
-        column.prop(inspection, "splits")
-        column.operator("sparse_surface.resample", icon="MOD_SUBSURF").splits = inspection.splits
-        column.separator()
-        active = context.active_object
-        shown = has_patches(active) and shows_patches(active)
-        column.operator(
-            "sparse_surface.show_patches", text="Show Errors" if shown else "Show Patches", icon="COLOR", depress=shown
-        )
-        column.operator("sparse_surface.domains_to_uv", icon="UV")
-
-
-class SPARSE_SURFACE_PT_inspect(SubPanel, Panel):
+class SPARSE_SURFACE_PT_inspect(UnderResult, Panel):
     bl_label = "Inspect Patch"
-    bl_parent_id = "SPARSE_SURFACE_PT_representation"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return has_representation(context.active_object) or bool(context.scene.sparse_surface.inspection.holder)
 
     def draw(self, context: Context) -> None:
         column = self.column(context)
@@ -78,6 +59,10 @@ class SPARSE_SURFACE_PT_inspect(SubPanel, Panel):
 
 class SPARSE_SURFACE_PT_compare(SubPanel, Panel):
     bl_label = "Compare Methods"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return bool(context.scene.sparse_surface.job == "MEASURE")
 
     def draw(self, context: Context) -> None:
         comparison = context.scene.sparse_surface.comparison
@@ -106,7 +91,6 @@ def draw_inspection(layout: UILayout, inspection: Any) -> None:
 
 CLASSES = (
     SPARSE_SURFACE_UL_terms,
-    SPARSE_SURFACE_PT_representation,
     SPARSE_SURFACE_PT_inspect,
     SPARSE_SURFACE_PT_compare,
 )

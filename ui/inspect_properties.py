@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
@@ -11,8 +13,9 @@ from bpy.props import (
     IntProperty,
     StringProperty,
 )
-from bpy.types import PropertyGroup
+from bpy.types import Context, PropertyGroup
 
+from ..operators.data.presets import preset_names, preset_title
 from ..solver.settings import MOST_SPLITS, PRESETS
 
 
@@ -49,21 +52,28 @@ class SparseSurfaceInspection(PropertyGroup):
     energy: CollectionProperty(type=SparseSurfaceEnergy, name="Energy")
 
 
-def _choices() -> list[tuple[str, str, str]]:
+def preset_number(name: str) -> int:
+    """Return the number of a preset in an enumeration: Blender stores it, so a user's does not depend on the others."""
+    shipped = list(PRESETS)
+    return shipped.index(name) if name in shipped else 1000 + zlib.crc32(name.encode()) % 2**30
+
+
+_offered: list[tuple[str, str, str, int]] = []
+"""Blender needs the words of an enumeration to stay alive."""
+
+
+def _choices(comparison: PropertyGroup, context: Context | None) -> list[tuple[str, str, str, int]]:
     """The panel's own settings, and each preset."""
-    presets = [(f"PRESET_{name}", name.title(), "A preset") for name in PRESETS]
-    return [("SCENE", "Settings of the Panel", "The settings as they stand above"), *presets]
+    presets = [(f"PRESET_{name}", preset_title(name), "A preset", 1 + preset_number(name)) for name in preset_names()]
+    _offered[:] = [("SCENE", "Settings of the Panel", "The settings as they stand in the panel", 0), *presets]
+    return _offered
 
 
 class SparseSurfaceComparison(PropertyGroup):
     """The two settings to compare."""
 
-    first: EnumProperty(
-        name="First", description="Settings of the result at the left", items=_choices(), default="SCENE"
-    )
-    second: EnumProperty(
-        name="Second", description="Settings of the result at the right", items=_choices(), default="PRESET_paper"
-    )
+    first: EnumProperty(name="First", description="Settings of the result at the left", items=_choices, default=0)
+    second: EnumProperty(name="Second", description="Settings of the result at the right", items=_choices, default=2)
     beside: BoolProperty(
         name="Side by Side", description="Put the results beside each other; otherwise both stay in place", default=True
     )

@@ -1,17 +1,15 @@
-"""The sidebar: 3D View > Sidebar > Sparse Surface."""
+"""The sidebar, 3D View > Sidebar > Sparse Surface: four jobs, each with its few settings and its button."""
 
 from __future__ import annotations
 
-import textwrap
-from typing import Any
+from collections.abc import Callable
 
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
-from bpy.types import Context, Panel, UILayout
+from bpy.types import Context, Panel, PropertyGroup, UILayout
 
 from ..operators.data.objects import selected_meshes
-from ..operators.data.report_text import rows
-from ..operators.data.result_keys import read_report
+from ..operators.data.presets import matching_preset, preset_title
 from ..operators.run import preloading
 from ..operators.run.control import Run
 from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
@@ -19,48 +17,13 @@ from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
 from ..operators.show_heat_map import shows_heat_map
-from ..solver.patch_methods import METHODS
-from .presets import SPARSE_SURFACE_PT_presets
-from .properties import CLOUD_NAMES, SOLVER_NAMES
-
-MAIN = ("method", "ring", "degree", "sparsity", "tolerance")
-DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "mark_creases", "pin_boundary")
-DICTIONARY = ("basis", "pursuit", "automatic_sparsity", "observations")
-OF_ONE_METHOD = tuple(name for method in METHODS.values() for name in method.own_settings)
-SWEEPS = ("sweeps", "blending")
-NOISE = ("denoise", "denoise_strength", "noise_level")
-OUTPUT = ("keep_iterations", "solver", "workers")
-
-MORE = tuple(
-    name for name in SOLVER_NAMES if name not in {*MAIN, *DOMAIN, *DICTIONARY, *OF_ONE_METHOD, *SWEEPS, *NOISE, *OUTPUT}
-)
-"""Settings that no other group names."""
-
-
-class SidebarPanel:
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Sparse Surface"
-
-    def column(self, context: Context) -> UILayout:
-        """Return a column in Blender's two-column style."""
-        layout = self.layout  # type: ignore[attr-defined]
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        layout.enabled = session.current is None
-        return layout.column()
-
-
-class SubPanel(SidebarPanel):
-    bl_parent_id = "SPARSE_SURFACE_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
+from .jobs import ITEMS
+from .optional import draw_optional
+from .sidebar import SidebarPanel, draw_lines, has_operator
 
 
 class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
     bl_label = "Sparse Surface"
-
-    def draw_header_preset(self, context: Context) -> None:
-        SPARSE_SURFACE_PT_presets.draw_panel_header(self.layout)
 
     def draw(self, context: Context) -> None:
         if session.current is not None:
@@ -72,166 +35,135 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
             draw_lines(self.layout, missing, "ERROR")
         elif session.notice:
             draw_lines(self.layout, session.notice, "INFO")
-        column = self.column(context)
-        for name in MAIN:
-            column.prop(context.scene.sparse_surface, name)
-        draw_estimate(self.layout.column(align=True), context)
-        button = self.layout.row()
-        button.scale_y = 1.5
-        chosen = selected_meshes(context)
-        text = iface_("Approximate") if len(chosen) < 2 else iface_("Approximate {} Meshes").format(len(chosen))
-        button.operator("sparse_surface.approximate", text=text, icon="MOD_SMOOTH", translate=False)
-
-
-class SPARSE_SURFACE_PT_domain(SubPanel, Panel):
-    bl_label = "Domain and Regularisation"
-
-    def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
-        column = self.column(context)
-        for name in DOMAIN:
-            column.prop(settings, name)
-        column.separator()
-        for name in (*DICTIONARY, *MORE):
-            column.prop(settings, name)
-        column.separator()
-        read = METHODS[settings.method].own_settings
-        for name in OF_ONE_METHOD:
-            row = column.row()
-            row.active = name in read
-            row.prop(settings, name)
+        jobs = self.layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        jobs.scale_y = 1.2
+        for job, *_ in ITEMS:
+            jobs.prop_enum(settings, "job", job)
+        self.layout.separator(factor=0.5)
+        DRAW_JOB[settings.job](self.column(context), context, settings)
 
 
-class SPARSE_SURFACE_PT_sweeps(SubPanel, Panel):
-    bl_label = "Sweeps and Blending"
-
-    def draw(self, context: Context) -> None:
-        column = self.column(context)
-        for name in SWEEPS:
-            column.prop(context.scene.sparse_surface, name)
-
-
-class SPARSE_SURFACE_PT_noise(SubPanel, Panel):
-    bl_label = "Noise"
-
-    def draw(self, context: Context) -> None:
-        settings = context.scene.sparse_surface
-        column = self.column(context)
-        first, *others = NOISE
-        column.prop(settings, first)
-        how = column.column()
-        how.active = settings.denoise != "off"
-        for name in others:
-            how.prop(settings, name)
+def draw_approximate(layout: UILayout, context: Context, settings: PropertyGroup) -> None:
+    """Show what matters when a mesh is approximated."""
+    draw_preset(layout, settings)
+    draw_optional(layout, settings, "tolerance")
+    layout.prop(settings, "use_modifiers")
+    draw_solve(layout, context, "Approximate", "Approximate {} Meshes", "MOD_SMOOTH")
 
 
-class SPARSE_SURFACE_PT_points(SubPanel, Panel):
-    bl_label = "Points to Surface"
-
-    def draw(self, context: Context) -> None:
-        settings = context.scene.sparse_surface.reconstruction
-        column = self.column(context)
-        column.prop(settings, "base")
-        if settings.base is None:
-            column.prop(settings, "base_vertices")
-            column.prop(settings, "keep_base")
-        column.separator()
-        for name in CLOUD_NAMES:
-            column.prop(settings, name)
-        column.separator()
-        column.prop(settings, "splits")
-        column.prop(settings, "point_errors")
-        button = self.layout.row()
-        button.scale_y = 1.5
-        button.enabled = session.current is None
-        button.operator("sparse_surface.reconstruct", icon="POINTCLOUD_DATA")
+def draw_denoise(layout: UILayout, context: Context, settings: PropertyGroup) -> None:
+    """Show what matters when noise is removed."""
+    how = layout.column(align=True)
+    how.use_property_split = False
+    for choice in ("only", "first"):
+        how.prop_enum(settings, "denoise", choice)
+    layout.separator(factor=0.5)
+    layout.prop(settings, "denoise_strength")
+    draw_optional(layout, settings, "noise_level")
+    draw_solve(layout, context, "Denoise", "Denoise {} Meshes", "BRUSH_DATA")
 
 
-class SPARSE_SURFACE_PT_output(SubPanel, Panel):
-    bl_label = "Input and Output"
-
-    def draw(self, context: Context) -> None:
-        settings = context.scene.sparse_surface
-        column = self.column(context)
-        column.prop(settings, "use_modifiers")
-        active = context.active_object
-        if active is not None and active.type == "MESH":
-            column.prop_search(settings, "vertex_group", active, "vertex_groups")
-        else:
-            column.prop(settings, "vertex_group")
-        column.separator()
-        column.prop(settings, "replace_result")
-        column.prop(settings, "hide_original")
-        column.prop(settings, "show_preview")
-        kind = column.row()
-        kind.active = settings.show_preview
-        kind.prop(settings, "preview_kind")
-        for name in OUTPUT:
-            column.prop(settings, name)
+def draw_reconstruct(layout: UILayout, context: Context, settings: PropertyGroup) -> None:
+    """Show what matters when points become a surface."""
+    cloud = settings.reconstruction
+    layout.prop(cloud, "base")
+    if cloud.base is None:
+        draw_optional(layout, cloud, "base_vertices")
+    draw_optional(layout, cloud, "splits")
+    layout.prop(cloud, "robust")
+    draw_optional(layout, cloud, "noise")
+    layout.prop(cloud, "point_errors")
+    big_button(layout).operator("sparse_surface.reconstruct", icon="POINTCLOUD_DATA")
 
 
-class SPARSE_SURFACE_PT_display(SubPanel, Panel):
-    bl_label = "Display"
-
-    def draw(self, context: Context) -> None:
-        display = context.scene.sparse_surface.display
-        column = self.column(context)
-        shown = shows_heat_map(context.space_data)
-        column.operator(
-            "sparse_surface.show_heat_map",
-            text="Hide Heat Map" if shown else "Show Heat Map",
-            icon="HIDE_OFF" if shown else "COLOR",
-            depress=shown,
-        )
-        column.prop(display, "isolate")
-        column.separator()
-        column.prop(display, "inside_outside")
-        if display.inside_outside:
-            settings = context.scene.sparse_surface
-            column.prop(settings if settings.tolerance else display, "tolerance")
-        else:
-            column.prop(display, "range_mode")
-            if display.range_mode == "FIXED":
-                column.prop(display, "range_maximum")
-            elif display.range_mode == "PERCENTILE":
-                column.prop(display, "range_percentile")
-        column.separator()
-        column.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
+def draw_measure(layout: UILayout, context: Context, settings: PropertyGroup) -> None:
+    """Show colours, and what compares two meshes or two methods."""
+    draw_heat_map_button(layout, context)
+    draw_display(layout, settings)
+    layout.separator()
+    if has_operator("distance"):
+        layout.operator("sparse_surface.distance", icon="DRIVER_DISTANCE")
+    layout.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
 
 
-class SPARSE_SURFACE_PT_statistics(SubPanel, Panel):
-    bl_label = "Statistics"
+DRAW_JOB: dict[str, Callable[[UILayout, Context, PropertyGroup], None]] = {
+    "APPROXIMATE": draw_approximate,
+    "DENOISE": draw_denoise,
+    "RECONSTRUCT": draw_reconstruct,
+    "MEASURE": draw_measure,
+}
 
-    def draw(self, context: Context) -> None:
-        report = read_report(context.active_object)
-        if report is None:
-            self.layout.label(text="Select a result to see its figures")
-            return
-        draw_statistics(self.layout, report)
-        row = self.layout.row(align=True)
-        row.operator("sparse_surface.copy_statistics", text="Copy as Text", icon="COPYDOWN").form = "TEXT"
-        row.operator("sparse_surface.copy_statistics", text="Copy as JSON").form = "JSON"
-        self.layout.operator("sparse_surface.separate_patches", icon="OUTLINER_COLLECTION")
+
+def draw_preset(layout: UILayout, settings: PropertyGroup) -> None:
+    """Show the name of the preset that is set, with the list of all."""
+    name = matching_preset(settings.to_settings())
+    row = layout.split(factor=0.4, align=True)
+    label = row.row()
+    label.alignment = "RIGHT"
+    label.label(text="Preset")
+    row.popover("SPARSE_SURFACE_PT_presets", text=preset_title(name) if name else iface_("Custom"), translate=False)
+
+
+def draw_solve(layout: UILayout, context: Context, one: str, several: str, icon: str) -> None:
+    """Show what to expect, and the button."""
+    draw_estimate(layout.column(align=True), context)
+    chosen = selected_meshes(context)
+    text = iface_(one) if len(chosen) < 2 else iface_(several).format(len(chosen))
+    big_button(layout).operator("sparse_surface.approximate", text=text, icon=icon, translate=False)
+
+
+def big_button(layout: UILayout) -> UILayout:
+    """Return a row for the button of a job."""
+    button = layout.row()
+    button.scale_y = 1.5
+    return button
+
+
+def draw_heat_map_button(layout: UILayout, context: Context) -> None:
+    """Show the button that switches the heat map on and off."""
+    shown = shows_heat_map(context.space_data)
+    layout.operator(
+        "sparse_surface.show_heat_map",
+        text="Hide Heat Map" if shown else "Show Heat Map",
+        icon="HIDE_OFF" if shown else "COLOR",
+        depress=shown,
+    )
+
+
+def draw_display(layout: UILayout, settings: PropertyGroup) -> None:
+    """Show how errors are coloured."""
+    display = settings.display
+    layout.prop(display, "isolate")
+    layout.prop(display, "inside_outside")
+    if display.inside_outside:
+        layout.prop(settings if settings.tolerance else display, "tolerance")
+        return
+    layout.prop(display, "range_mode")
+    if display.range_mode == "FIXED":
+        layout.prop(display, "range_maximum")
+    elif display.range_mode == "PERCENTILE":
+        layout.prop(display, "range_percentile")
 
 
 def draw_progress(layout: UILayout, run: Run) -> None:
-    """Show the progress of a run, and the buttons that end it."""
+    """Show the progress of a run, and the buttons that end it.
+
+    Always in the same rows: Blender moves what lies below only some redraws later, and draws over it meanwhile.
+    """
     column = layout.column()
-    if run.waiting:
-        draw_lines(column, iface_("The surface is ready: return to Object Mode to receive it"), "INFO")
-    elif run.progress is None:
-        column.label(text="Starting the solver")
-    else:
-        if run.current_source is not None:
-            column.label(text=run.current_source.name, icon="OUTLINER_OB_MESH", translate=False)
-        column.progress(factor=run.progress.fraction, text=f"{run.progress.fraction:.0%}")
-        column.label(text=run.progress.stage)
-        if run.progress.detail:
-            column.label(text=run.progress.detail, translate=False)
-        column.label(text=remaining_text(run), translate=False)
+    source, progress = run.current_source, run.progress
+    column.label(text=source.name if source is not None else "", icon="OUTLINER_OB_MESH", translate=False)
+    fraction = progress.fraction if progress is not None else 0.0
+    column.progress(factor=fraction, text=f"{fraction:.0%}")
+    column.label(text=progress.stage if progress is not None else "Starting the solver")
+    column.label(text=progress.detail if progress is not None else "", translate=False)
+    column.label(text=remaining_text(run), translate=False)
     row = layout.row(align=True)
     row.operator("sparse_surface.finish", icon="CHECKMARK")
     row.operator("sparse_surface.cancel", icon="CANCEL")
+    if run.waiting:
+        draw_lines(layout, iface_("The surface is ready: return to Object Mode to receive it"), "INFO")
 
 
 def draw_estimate(layout: UILayout, context: Context) -> None:
@@ -249,37 +181,6 @@ def draw_estimate(layout: UILayout, context: Context) -> None:
         layout.label(text=warning, icon="ERROR", translate=False)
 
 
-def draw_statistics(layout: UILayout, report: dict[str, Any]) -> None:
-    """Show a report's figures as a table, and whether the tolerance is kept."""
-    column = layout.column(align=True)
-    tolerance = report["settings"]["tolerance"]
-    if tolerance:
-        measured = report["denoise"]["fit"] if "denoise" in report else report  # noise is not an error of the fit
-        kept = measured["surface_error"]["max"] <= tolerance
-        text = iface_("Within the tolerance") if kept else iface_("Exceeds the tolerance")
-        column.label(text=f"{text} ({tolerance:.4g})", icon="CHECKMARK" if kept else "ERROR", translate=False)
-    for label, value in rows(report):
-        split = column.split(factor=0.6)
-        split.label(text=label)
-        split.label(text=f"{value:.4g}" if isinstance(value, float) else str(value), translate=False)
-
-
-def draw_lines(layout: UILayout, text: str, icon: str) -> None:
-    """Show a sentence in lines that fit a narrow sidebar."""
-    column = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, 34)):
-        column.label(text=line, icon=icon if number == 0 else "BLANK1", translate=False)
-
-
-CLASSES = (
-    SPARSE_SURFACE_PT_main,
-    SPARSE_SURFACE_PT_domain,
-    SPARSE_SURFACE_PT_sweeps,
-    SPARSE_SURFACE_PT_noise,
-    SPARSE_SURFACE_PT_points,
-    SPARSE_SURFACE_PT_output,
-    SPARSE_SURFACE_PT_display,
-    SPARSE_SURFACE_PT_statistics,
-)
+CLASSES = (SPARSE_SURFACE_PT_main,)
 
 register, unregister = bpy.utils.register_classes_factory(CLASSES)

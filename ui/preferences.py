@@ -6,10 +6,19 @@ import bpy
 from bpy.props import EnumProperty, IntProperty
 from bpy.types import AddonPreferences, Context, Scene
 
+from ..operators.data.presets import preset_names, preset_title
 from ..operators.run.preferences import ADD_ON, preferences
 from ..operators.run.requirements import missing_packages, package_versions
-from ..solver.native.library import reason_against as kernel_missing
-from ..solver.settings import PRESETS
+from .inspect_properties import preset_number
+from .properties import SOLVER_NAMES
+
+_offered: list[tuple[str, str, str, int]] = []
+"""Blender needs the words of an enumeration to stay alive."""
+
+
+def _presets(own: AddonPreferences, context: Context | None) -> list[tuple[str, str, str, int]]:
+    _offered[:] = [(name, preset_title(name), "", preset_number(name)) for name in preset_names()]
+    return _offered
 
 
 def _take_preset(own: AddonPreferences, context: Context) -> None:
@@ -30,8 +39,8 @@ class SparseSurfacePreferences(AddonPreferences):
     default_preset: EnumProperty(
         name="Default Preset",
         description="Settings of scenes in which no setting was ever changed",
-        items=[(name, name.title(), "") for name in PRESETS],
-        default="default",
+        items=_presets,
+        default=0,
         update=_take_preset,
     )
 
@@ -46,6 +55,8 @@ class SparseSurfacePreferences(AddonPreferences):
             split.alignment = "RIGHT"
             split.label(text=name)
             split.label(text=version, translate=False)
+        from ..solver.native.library import reason_against as kernel_missing  # NumPy-heavy: only this page needs it
+
         reason = kernel_missing()
         if reason is not None:
             column.label(text=reason, icon="INFO")
@@ -57,7 +68,7 @@ class SparseSurfacePreferences(AddonPreferences):
 def apply_default_preset(*_: object) -> None:
     """Give the preferred preset to every scene in which no setting was ever changed."""
     own = preferences(bpy.context)
-    if own is None or own.default_preset == "default":
+    if own is None or own.default_preset in {"default", ""}:  # empty: the user removed that preset
         return
     for scene in bpy.data.scenes:
         if is_untouched(scene):
@@ -66,9 +77,7 @@ def apply_default_preset(*_: object) -> None:
 
 def is_untouched(scene: Scene) -> bool:
     """Whether no setting of a scene was ever changed."""
-    settings = scene.sparse_surface
-    names = [each.identifier for each in settings.bl_rna.properties if each.identifier != "rna_type"]
-    return not any(settings.is_property_set(name) for name in names)
+    return not any(scene.sparse_surface.is_property_set(name) for name in SOLVER_NAMES)
 
 
 def register() -> None:

@@ -8,7 +8,8 @@ import bpy
 from bl_ui.utils import PresetPanel
 from bpy.types import Menu, Panel
 
-FOLDER = "sparse_surface"
+from ..operators.data.presets import FOLDER
+
 PATH = str(Path(__file__).parent.parent)
 
 

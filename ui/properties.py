@@ -9,8 +9,10 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from bpy.types import Context, Object, PropertyGroup
 
-from ..solver.settings import MOST_SPLITS, PRESETS, CloudSettings, Settings
-from . import inspect_properties
+from ..operators.data.presets import plain_value, preset_values
+from ..solver.settings import MOST_SPLITS, CloudSettings, Settings
+from . import inspect_properties, jobs
+from .optional import optional_properties
 
 NAMES = {
     "beta1": "Stay at Start",
@@ -47,6 +49,23 @@ CHOICE_NAMES = {
 LENGTHS = {"tolerance", "noise_level", "noise"}
 """Settings in scene units."""
 
+OPTIONAL = {"tolerance": 0.0, "noise_level": 0.0, "workers": 2}
+OPTIONAL_CLOUD = {"noise": 0.0, "ring": 1}
+"""Settings of which zero means none or automatic, each with the value that it starts with (see `optional`)."""
+
+COUNTS = (
+    (
+        "base_vertices", 500, 200_000, 2000, "Base Vertices",
+        "Approximate number of vertices of a base made from the points. 0: one for every sixty points",
+    ),
+    (
+        "splits", 4, MOST_SPLITS, 16, "Resolution",
+        "Number of parts of every edge of the base where the surface is evaluated. "
+        "0: about as many vertices as there are points",
+    ),
+)  # fmt: skip
+"""Of a reconstruction, zero meaning automatic: name, first value, largest, largest of the slider, title, text."""
+
 AS_LENGTH: dict[str, Any] = {"subtype": "DISTANCE", "unit": "LENGTH", "precision": 5}
 
 
@@ -71,11 +90,6 @@ def solver_property(item: dataclasses.Field) -> Any:
     if item.name in LENGTHS:
         return FloatProperty(**ranges, **common, **AS_LENGTH)
     return FloatProperty(**ranges, **common, precision=3)
-
-
-def plain_value(value: Any) -> Any:
-    """Return a property's value as the solver's settings hold it: 0.2, not the nearest single-precision number."""
-    return float(f"{value:.7g}") if isinstance(value, float) else value
 
 
 def _recolour(display: PropertyGroup, context: Context) -> None:
@@ -151,23 +165,6 @@ class SparseSurfaceReconstruction(PropertyGroup):
         description="Coarse mesh near the points that carries the patches; without one it is made from the points",
         poll=_can_be_base,
     )
-    base_vertices: IntProperty(
-        name="Base Vertices",
-        description="Approximate number of vertices of a base made from the points. 0: one for every sixty points",
-        default=0,
-        min=0,
-        max=200_000,
-        soft_max=2000,
-    )
-    splits: IntProperty(
-        name="Resolution",
-        description="Number of parts of every edge of the base where the surface is evaluated. "
-        "0: about as many vertices as there are points",
-        default=0,
-        min=0,
-        max=MOST_SPLITS,
-        soft_max=16,
-    )
     point_errors: BoolProperty(
         name="Points with Errors",
         description="Make an object of the points with the error of each, beside the surface",
@@ -240,17 +237,46 @@ class SparseSurfaceSettings(PropertyGroup):
             setattr(self, name, value)
 
     def apply_preset(self, name: str) -> None:
-        """Set the solver's properties to one of its presets."""
-        self.take_settings(Settings(**PRESETS[name]))
+        """Set the solver's properties to a preset.
+
+        Raises
+        ------
+        KeyError
+            When there is no such preset.
+        """
+        self.take_settings(Settings.from_dict(preset_values(name)))
+
+
+def shown_as_optional(group: type[PropertyGroup], item: dataclasses.Field, start: float) -> None:
+    """Add what shows a field of the solver's settings without its zero."""
+    whole = isinstance(item.default, int)
+    options = {"min": 1 if whole else 1e-9, "max": item.metadata["high"], "soft_max": item.metadata["soft"][1]}
+    kind = IntProperty if whole else FloatProperty
+    unit = {} if whole else AS_LENGTH
+    made = optional_properties(
+        item.name, setting_name(item.name), item.metadata["text"], kind, start, **options, **unit
+    )
+    group.__annotations__.update(made)
 
 
 SOLVER_NAMES = tuple(item.name for item in dataclasses.fields(Settings))
+SparseSurfaceSettings.__annotations__.update(jobs.PROPERTIES)
 for _item in dataclasses.fields(Settings):
     SparseSurfaceSettings.__annotations__[_item.name] = solver_property(_item)
+    if _item.name in OPTIONAL:
+        shown_as_optional(SparseSurfaceSettings, _item, OPTIONAL[_item.name])
 
 CLOUD_NAMES = tuple(item.name for item in dataclasses.fields(CloudSettings))
 for _item in dataclasses.fields(CloudSettings):
     SparseSurfaceReconstruction.__annotations__[_item.name] = solver_property(_item)
+    if _item.name in OPTIONAL_CLOUD:
+        shown_as_optional(SparseSurfaceReconstruction, _item, OPTIONAL_CLOUD[_item.name])
+for _name, _start, _most, _soft, _title, _text in COUNTS:
+    _common = {"max": _most, "soft_max": _soft}
+    SparseSurfaceReconstruction.__annotations__[_name] = IntProperty(name=_title, description=_text, min=0, **_common)
+    SparseSurfaceReconstruction.__annotations__.update(
+        optional_properties(_name, _title, _text, IntProperty, _start, min=1, **_common)
+    )
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     (SparseSurfaceDisplay, SparseSurfaceReconstruction, *inspect_properties.CLASSES, SparseSurfaceSettings)

@@ -18,7 +18,6 @@ _GERMAN = {
     "'{}' is hidden: show it first": "„{}“ ist ausgeblendet: erst einblenden",
     "The mesh has no faces": "Das Netz hat keine Flächen",
     "Domain and Regularisation": "Gebiet und Regularisierung",
-    "Sweeps and Blending": "Durchgänge und Überblendung",
     "Statistics": "Kennzahlen",
     "Error": "Fehler",
     "inside": "innerhalb",

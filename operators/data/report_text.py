@@ -2,55 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 Report = dict[str, Any]
 
+Length = Callable[[float], Any]
+"""How a length is shown; without a scene, whose units say it, as a plain number in Blender units."""
 
-def one_line(name: str, report: Report) -> str:
+
+def plain(length: float) -> str:
+    """Return a length as a number of three digits."""
+    return f"{length:.3g}"
+
+
+def one_line(name: str, report: Report, length: Length = plain) -> str:
     """Return one line about the result of a mesh or a point cloud: size, quality, time."""
     given = report["input"]
     size = f"{given['points']} points over {given['vertices']} vertices" if "points" in given else None
     size = size or f"{given['vertices']} vertices"
-    return f"{name}: {size}, {quality(report)}, {report['seconds']['total']:.1f} s"
+    return f"{name}: {size}, {quality(report, length)}, {report['seconds']['total']:.1f} s"
 
 
-def quality(report: Report) -> str:
+def quality(report: Report, length: Length = plain) -> str:
     """Say how well the surface is approximated, in scene units and relative to its longest side."""
     if "denoise" not in report:
-        return f"{report['patches']} patches, {_surface_error(report, report)}"
-    noise = noise_removed(report["denoise"])
+        return f"{report['patches']} patches, {_surface_error(report, report, length)}"
+    noise = noise_removed(report["denoise"], length)
     if not report["patches"]:
         return noise
     # What the functions do to the denoised mesh: the noise is not an error of the fit.
-    return f"{noise}; fitted with {report['patches']} patches, {_surface_error(report, report['denoise']['fit'])}"
+    fitted = _surface_error(report, report["denoise"]["fit"], length)
+    return f"{noise}; fitted with {report['patches']} patches, {fitted}"
 
 
-def _surface_error(report: Report, measured: Report) -> str:
+def _surface_error(report: Report, measured: Report, length: Length) -> str:
     error, size = measured["surface_error"], report["input"]["bounding_box_longest_side"]
-    rms, largest = error["rms"], error["max"]
-    return f"surface error rms {rms:.3g} ({_share(rms, size)} of the size), max {largest:.3g} ({_share(largest, size)})"
+    rms, largest = (f"{length(error[kind])} ({_share(error[kind], size)}" for kind in ("rms", "max"))
+    return f"surface error rms {rms} of the size), max {largest})"
 
 
 def _share(length: float, size: float) -> str:
     return f"{length / size if size else 0.0:.2e}"
 
 
-def noise_removed(noise: Report) -> str:
+def noise_removed(noise: Report, length: Length = plain) -> str:
     """Say how much noise was removed, from that part of a report."""
     if not noise["noise_level"]:
         return "no noise found"
     moved = noise["displacement"]
     return (
-        f"noise of {noise['noise_level']:.3g} ({noise['relative_noise']:.0%} of the mean edge) removed, "
-        f"vertices moved by rms {moved['rms']:.3g}, max {moved['max']:.3g}"
+        f"noise of {length(noise['noise_level'])} ({noise['relative_noise']:.0%} of the mean edge) removed, "
+        f"vertices moved by rms {length(moved['rms'])}, max {length(moved['max'])}"
     )
 
 
-def rows(report: Report) -> list[tuple[str, Any]]:
-    """Return the figures of a report with their names, lengths in scene units."""
+def rows(report: Report, length: Length = float) -> list[tuple[str, Any]]:
+    """Return the figures of a report with their names, lengths as `length` shows them."""
     errors = [
-        (f"{kind} error, {measure}", report[f"{kind.lower()}_error"][measure])
+        (f"{kind} error, {measure}", length(report[f"{kind.lower()}_error"][measure]))
         for kind in ("Vertex", "Surface")
         for measure in ("rms", "mean", "p95", "max")
     ]
@@ -58,27 +68,42 @@ def rows(report: Report) -> list[tuple[str, Any]]:
         ("Method", report["method"]),
         ("Vertices", report["input"]["vertices"]),
         ("Patches", report["patches"]),
-        *_noise_rows(report),
+        *_noise_rows(report, length),
         *errors,
         ("Normal error, degrees", report["normal_error_degrees"]),
         ("Flipped triangles", report["flipped_triangles"]),
-        ("Largest seam", report["seam_max"]),
+        ("Largest seam", length(report["seam_max"])),
         ("Seconds", report["seconds"]["total"]),
     ]
 
 
-def _noise_rows(report: Report) -> list[tuple[str, Any]]:
+def _noise_rows(report: Report, length: Length) -> list[tuple[str, Any]]:
     if "denoise" not in report:
         return []
     noise = report["denoise"]
-    listed = [("Noise removed", noise["noise_level"]), ("Displacement, rms", noise["displacement"]["rms"])]
+    listed = [
+        ("Noise removed", length(noise["noise_level"])),
+        ("Displacement, rms", length(noise["displacement"]["rms"])),
+    ]
     if report["patches"]:
-        listed.append(("Fit to the denoised, rms", noise["fit"]["surface_error"]["rms"]))
+        listed.append(("Fit to the denoised, rms", length(noise["fit"]["surface_error"]["rms"])))
     return listed
 
 
-def table(name: str, report: Report) -> str:
+def table(name: str, report: Report, length: Length = float) -> str:
     """Return the rows of a report as lines of text under a name."""
-    cells = [(label, f"{value:.6g}" if isinstance(value, float) else str(value)) for label, value in rows(report)]
+    listed = rows(report, length)
+    cells = [(label, f"{value:.6g}" if isinstance(value, float) else str(value)) for label, value in listed]
     width = max(len(label) for label, _ in cells)
     return "\n".join([name, *(f"{label:<{width}}  {value}" for label, value in cells)])
+
+
+def verdict(report: Report) -> str:
+    """Say in a word how close a surface is, by its error relative to its longest side."""
+    measured = report["denoise"]["fit"] if "denoise" in report and report["patches"] else report
+    size = report["input"]["bounding_box_longest_side"]
+    share = measured["surface_error"]["rms"] / size if size else 0.0
+    return next((word for limit, word in _VERDICTS if share <= limit), "Far off")
+
+
+_VERDICTS = ((1e-4, "Very close"), (1e-3, "Close"), (1e-2, "Coarse"))

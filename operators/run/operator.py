@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -13,6 +14,7 @@ from bpy.types import Context, Event, Object
 
 from ...solver.errors import SparseSurfaceError
 from ...solver.settings import Settings
+from ..data.lengths import length_text
 from ..data.objects import find_object, select_only
 from ..data.report_text import one_line
 from . import estimate
@@ -167,7 +169,7 @@ class SolverOperator:
 
     def say_result(self, name: str, report: dict[str, Any]) -> None:
         """Report the result in one line, and remember how long it took."""
-        self.report({"INFO"}, one_line(name, report))
+        self.report({"INFO"}, one_line(name, report, partial(length_text, bpy.context.scene, digits=3)))
         if "points" not in report["input"]:  # clouds take another time for each vertex
             estimate.learn(report)
 

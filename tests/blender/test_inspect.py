@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.operators.representation.stored import read_representation
 from bl_ext.user_default.sparse_surface.solver.surface.inspection import domain_atlas, patch_terms
-from bl_ext.user_default.sparse_surface.ui import inspect_panel
+from bl_ext.user_default.sparse_surface.ui import inspect_panel, result_panel
 from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -139,12 +139,14 @@ def test_the_panel_lists_functions_and_energy(result):
 def test_each_panel_draws_with_and_without_a_result(result):
     for _ in range(2):
         for panel in (
-            inspect_panel.SPARSE_SURFACE_PT_representation,
+            result_panel.SPARSE_SURFACE_PT_representation,
             inspect_panel.SPARSE_SURFACE_PT_inspect,
             inspect_panel.SPARSE_SURFACE_PT_compare,
         ):
+            assert panel.poll(bpy.context) or panel is inspect_panel.SPARSE_SURFACE_PT_compare
             assert drawn(panel)
-        scenes.select()
+        bpy.context.scene.sparse_surface.job = "MEASURE"
+        assert inspect_panel.SPARSE_SURFACE_PT_compare.poll(bpy.context)
 
 
 def test_the_lists_rows_draw(result):

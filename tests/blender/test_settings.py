@@ -8,9 +8,10 @@ from pathlib import Path
 
 import bpy
 import pytest
+from bl_ext.user_default.sparse_surface.operators.data import presets
 from bl_ext.user_default.sparse_surface.operators.run.estimate import estimate
 from bl_ext.user_default.sparse_surface.solver.settings import PRESETS, Settings
-from bl_ext.user_default.sparse_surface.ui import panels, properties, translations
+from bl_ext.user_default.sparse_surface.ui import advanced_panel, properties, translations
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -44,8 +45,8 @@ def test_tolerance_is_a_length():
 
 
 def test_every_setting_is_on_a_panel():
-    placed = panels.MAIN + panels.DOMAIN + panels.DICTIONARY + panels.OF_ONE_METHOD + panels.SWEEPS + panels.OUTPUT
-    placed += panels.NOISE + panels.MORE
+    groups = ("OF_JOBS", "PATCHES", "DOMAIN", "PAPER", "OF_ONE_METHOD", "OUTPUT", "MORE")
+    placed = [name for group in groups for name in getattr(advanced_panel, group)]
     assert sorted(placed) == sorted(FIELDS)
 
 
@@ -70,9 +71,30 @@ def test_a_users_preset_can_be_saved_and_taken(user_folder):
     saved = list((user_folder / "scripts").rglob("presets/sparse_surface/*.py"))
     assert [path.stem.lower() for path in saved] == ["mine"]
     scene_settings().apply_preset("default")
+    assert presets.matching_preset(scene_settings().to_settings()) == "default"
     bpy.ops.script.execute_preset(filepath=str(saved[0]), menu_idname="SPARSE_SURFACE_MT_presets")
     assert scene_settings().to_settings() == wanted
+    assert presets.preset_title(presets.matching_preset(wanted)) == "Mine"
+    comparison = scene_settings().comparison
+    comparison.first, comparison.second = f"PRESET_{saved[0].stem}", "PRESET_fast"
+    assert Settings.from_dict(presets.preset_values(saved[0].stem)) == wanted
+    own = bpy.context.preferences.addons[scenes.EXTENSION].preferences
+    own.default_preset = saved[0].stem
+    assert own.default_preset == saved[0].stem
+    own.default_preset = "default"
     saved[0].unlink()
+
+
+def test_the_active_preset_is_known_by_its_settings():
+    for name in PRESETS:
+        scene_settings().apply_preset(name)
+        scene_settings().workers = 3
+        assert presets.matching_preset(scene_settings().to_settings()) == name
+    scene_settings().apply_preset("fast")
+    scene_settings().tolerance = 0.5
+    assert presets.matching_preset(scene_settings().to_settings()) == "fast"
+    scene_settings().ring = 9
+    assert presets.matching_preset(scene_settings().to_settings()) == ""
 
 
 def test_default_preset_is_given_to_scenes_that_nobody_touched():

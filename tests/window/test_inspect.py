@@ -28,9 +28,9 @@ def shown() -> list[str]:
 
 def only_open(*names: str) -> Any:
     """Open these sub-panels and close the others: a script cannot click on their headers."""
-    for module in ("ui.panels", "ui.inspect_panel"):
+    for module in ("ui.panels", "ui.advanced_panel", "ui.result_panel", "ui.inspect_panel"):
         for panel in driver.module(module).CLASSES:
-            if "_PT_" in panel.__name__ and panel.__name__ != "SPARSE_SURFACE_PT_main":
+            if "_PT_" in panel.__name__ and hasattr(panel, "bl_parent_id"):
                 bpy.utils.unregister_class(panel)
                 panel.bl_options = set() if panel.__name__ in names else {"DEFAULT_CLOSED"}
                 bpy.utils.register_class(panel)
@@ -106,6 +106,7 @@ def test_methods_are_compared_in_the_background():
     bpy.context.scene.sparse_surface.comparison.second = "PRESET_fast"
     for name, value in {"ring": 5, "method": "traditional", "workers": 1}.items():
         setattr(bpy.context.scene.sparse_surface, name, value)
+    bpy.context.scene.sparse_surface.job = "MEASURE"
     yield from only_open("SPARSE_SURFACE_PT_compare")
     yield from driver.open_sidebar()
     with driver.in_viewport():

@@ -29,9 +29,53 @@ def test_button_is_disabled_without_a_mesh():
     driver.shot("panel_without_selection")
 
 
+def click(right: float, below: int) -> driver.Steps:
+    """Click into the sidebar: at this share of its width, so many pixels below its top."""
+    over = driver.region("UI")
+    x, y = over.x + int(over.width * right), over.y + over.height - below
+    driver.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+    yield 0.2
+    for value in ("PRESS", "RELEASE"):
+        driver.window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
+        yield 0.1
+    yield 0.3
+
+
+def test_a_click_on_a_job_shows_what_it_needs():
+    """The jobs are seen below the header, two by two; one click chooses one, and its button runs it."""
+    driver.clear_scene()
+    driver.add_creased_grid(20)
+    settings = bpy.context.scene.sparse_surface
+    yield from driver.open_sidebar()
+    wanted = {"DENOISE": (0.7, 47), "RECONSTRUCT": (0.3, 73), "MEASURE": (0.7, 73), "APPROXIMATE": (0.3, 47)}
+    for job, place in wanted.items():
+        yield from click(*place)
+        assert settings.job == job, (job, settings.job)
+        driver.shot(f"job_{job.lower()}")
+    yield 1.0
+    yield from click(0.425, 133)  # the checkbox of the tolerance
+    assert settings.use_tolerance
+    assert settings.tolerance > 0.0
+
+
+def test_a_selected_point_cloud_chooses_reconstruct():
+    driver.clear_scene()
+    driver.add_creased_grid(20)
+    points = bpy.data.objects.new("Points", bpy.data.meshes.new("Points"))
+    points.data.from_pydata([(x / 10, y / 10, 0.0) for x in range(10) for y in range(10)], [], [])
+    bpy.context.scene.collection.objects.link(points)
+    yield from driver.open_sidebar()
+    assert bpy.context.scene.sparse_surface.job == "APPROXIMATE"
+    driver.select(points)
+    yield 0.3
+    assert bpy.context.scene.sparse_surface.job == "RECONSTRUCT"
+    driver.shot("points_selected")
+
+
 def test_drawing_costs_little():
     """All panels of the sidebar together, in processor time, once they have been drawn before."""
-    panels = [*driver.module("ui.panels").CLASSES, *driver.module("ui.inspect_panel").CLASSES]
+    modules = [driver.module(f"ui.{name}panel{s}") for name, s in (("", "s"), ("result_", ""), ("inspect_", ""))]
+    panels = [each for module in modules for each in module.CLASSES]
     panels = [each for each in panels if issubclass(each, bpy.types.Panel)]
     assert len(panels) > 3
     spent = dict.fromkeys(panels, 0.0)
@@ -80,6 +124,8 @@ if __name__ == "__main__":
     driver.run(
         test_panel_shows_settings_and_estimate,
         test_button_is_disabled_without_a_mesh,
+        test_a_click_on_a_job_shows_what_it_needs,
+        test_a_selected_point_cloud_chooses_reconstruct,
         test_drawing_costs_little,
         test_enabling_costs_little,
     )

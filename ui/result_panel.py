@@ -1,0 +1,144 @@
+"""The panel of a result, seen only while one is active: how close it is, how it looks, what can be made of it."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import bpy
+from bpy.app.translations import pgettext_iface as iface_
+from bpy.types import Context, Object, Panel, Scene, UILayout
+
+from ..operators.data.lengths import length_text
+from ..operators.data.report_text import rows, verdict
+from ..operators.data.result_keys import (
+    REPORT,
+    has_heat_map,
+    has_patches,
+    has_representation,
+    read_report,
+    shows_patches,
+)
+from .panels import draw_display, draw_heat_map_button
+from .sidebar import SidebarPanel, has_operator
+
+
+class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
+    bl_label = "Result"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return is_result(context.active_object)
+
+    def draw(self, context: Context) -> None:
+        column = self.column(context)
+        report = read_report(context.active_object)
+        if report is not None:
+            draw_quality(column, report, context.scene)
+        if has_heat_map(context.active_object):
+            draw_heat_map_button(column, context)
+        if has_patches(context.active_object):
+            shown = shows_patches(context.active_object)
+            text = "Show Errors" if shown else "Show Patches"
+            column.operator("sparse_surface.show_patches", text=text, icon="COLOR", depress=shown)
+        if has_representation(context.active_object):
+            row = column.row(align=True)
+            inspection = context.scene.sparse_surface.inspection
+            row.operator("sparse_surface.resample", icon="MOD_SUBSURF").splits = inspection.splits
+            amount = row.row(align=True)
+            amount.use_property_split = False
+            amount.prop(inspection, "splits", text="")
+        buttons = [name for name in ("show_source", "apply_to_source") if has_operator(name)]
+        for name in buttons:
+            column.operator(f"sparse_surface.{name}")
+
+
+class UnderResult(SidebarPanel):
+    bl_parent_id = "SPARSE_SURFACE_PT_result"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
+class SPARSE_SURFACE_PT_statistics(UnderResult, Panel):
+    bl_label = "Statistics"
+
+    def draw(self, context: Context) -> None:
+        report = read_report(context.active_object)
+        if report is None:
+            self.layout.label(text="This object has errors but no report")
+            return
+        draw_statistics(self.layout, report, context.scene)
+        row = self.layout.row(align=True)
+        row.operator("sparse_surface.copy_statistics", text="Copy as Text", icon="COPYDOWN").form = "TEXT"
+        row.operator("sparse_surface.copy_statistics", text="Copy as JSON").form = "JSON"
+
+
+class SPARSE_SURFACE_PT_display(UnderResult, Panel):
+    bl_label = "Colours of the Heat Map"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return bool(has_heat_map(context.active_object) and context.scene.sparse_surface.job != "MEASURE")
+
+    def draw(self, context: Context) -> None:
+        draw_display(self.column(context), context.scene.sparse_surface)
+
+
+class SPARSE_SURFACE_PT_representation(UnderResult, Panel):
+    bl_label = "Representation"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        return has_representation(context.active_object)
+
+    def draw(self, context: Context) -> None:
+        column = self.column(context)
+        report = read_report(context.active_object)
+        if report is not None:
+            size = report["representation_bytes"] / 1e6
+            column.label(text=iface_("{} patches, {:.2g} MB").format(report["patches"], size), translate=False)
+        column.operator("sparse_surface.separate_patches", icon="OUTLINER_COLLECTION")
+        column.operator("sparse_surface.domains_to_uv", icon="UV")
+
+
+def is_result(candidate: Object | None) -> bool:
+    """Whether an object carries a report or a heat map."""
+    return candidate is not None and (REPORT in candidate or has_heat_map(candidate))
+
+
+def draw_quality(layout: UILayout, report: dict[str, Any], scene: Scene) -> None:
+    """Show in words and figures how close a surface is, and whether the tolerance is kept."""
+    length = partial(length_text, scene)
+    column = layout.column(align=True)
+    measured = report["denoise"]["fit"] if "denoise" in report else report  # noise is not an error of the fit
+    if "denoise" in report:
+        column.label(text=iface_("Noise removed: {}").format(length(report["denoise"]["noise_level"])), translate=False)
+    if report["patches"]:
+        column.label(text=verdict(report), icon="CHECKMARK")
+        text = iface_("Typical error {}").format(length(measured["surface_error"]["rms"]))
+        column.label(text=text, icon="BLANK1", translate=False)
+        text = iface_("Largest at a vertex {}").format(length(report["vertex_error"]["max"]))
+        column.label(text=text, icon="BLANK1", translate=False)
+    tolerance = report["settings"]["tolerance"]
+    if tolerance:
+        kept = measured["surface_error"]["max"] <= tolerance
+        text = iface_("Within the tolerance") if kept else iface_("Exceeds the tolerance")
+        column.label(text=f"{text} ({length(tolerance)})", icon="CHECKMARK" if kept else "ERROR", translate=False)
+
+
+def draw_statistics(layout: UILayout, report: dict[str, Any], scene: Scene) -> None:
+    """Show a report's figures as a table."""
+    column = layout.column(align=True)
+    for label, value in rows(report, partial(length_text, scene)):
+        split = column.split(factor=0.6)
+        split.label(text=label)
+        split.label(text=f"{value:.4g}" if isinstance(value, float) else str(value), translate=False)
+
+
+CLASSES = (
+    SPARSE_SURFACE_PT_result,
+    SPARSE_SURFACE_PT_statistics,
+    SPARSE_SURFACE_PT_display,
+    SPARSE_SURFACE_PT_representation,
+)
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)
