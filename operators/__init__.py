@@ -26,7 +26,7 @@ OPERATORS = (
 )
 """The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
 
-WATCHERS = ("run.session", "run.preloading", "preview.object")
+WATCHERS = ("run.session", "run.preloading", "preview.object", "heat_map.shown", "heat_map.following")
 """Modules with handlers for what happens in Blender."""
 
 

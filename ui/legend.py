@@ -8,14 +8,21 @@ import blf
 import bpy
 import gpu
 from bpy.app.translations import pgettext_iface as iface_
-from bpy.types import Context, SpaceView3D
+from bpy.types import Context, Object, SpaceView3D
 from gpu_extras.batch import batch_for_shader
 
-from ..operators.data.result_keys import SCALE, has_heat_map
-from ..operators.show_heat_map import anywhere_shown, forget, shows_heat_map
+from ..operators.data.lengths import unit_for
+from ..operators.data.result_keys import ERROR_COLOUR, MADE_FROM, PATCH_COLOUR, REPORT, SCALE, has_heat_map
+from ..operators.heat_map.shown import anywhere_shown, shows_colours
 
 BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
-TICKS = 5
+BLOCK_WIDTH = 120
+"""Of bar and words together."""
+NAVIGATION_WIDTH, NAVIGATION_HEIGHT = 44, 140
+"""Of the buttons at the right side, and of the gizmo above them."""
+
+MODES = {"OBJECT", "EDIT_MESH", "SCULPT", "PAINT_VERTEX"}
+"""Modes that show colours of vertices; the others show textures or weights in their place."""
 
 
 @dataclass(frozen=True)
@@ -48,43 +55,62 @@ class Legend:
 
 
 def build_legend(
-    low: float, high: float, tolerance: float, unit: str, height: float, *, left: float = 0.0, scale: float = 1.0
+    low: float, high: float, tolerance: float, title: str, height: float, *, right: float, scale: float = 1.0
 ) -> Legend:
-    """Lay the legend out.
+    """Lay the legend out, in the lower right corner: Blender's own words and panels lie in the others.
 
     Parameters
     ----------
     low, high, tolerance
         Values at the ends of the ramp; with a positive tolerance there are two bands, inside and outside.
-    unit
-        Short name of the unit of length, may be empty.
+    title
+        What is shown, and its unit.
     height
         Of the viewport, in pixels; a low viewport gets a short bar.
-    left
-        Pixels that a toolbar covers at the left.
+    right
+        Where the sidebar begins, or the viewport ends, in pixels from the left.
     scale
         Pixels per point of Blender's interface.
     """
     margin, width, gap = MARGIN * scale, BAR_WIDTH * scale, GAP * scale
-    start = left + margin
+    start = _left(right, scale)
     line = TEXT_SIZE * 1.6 * scale
-    length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line), 2 * line)
-    title = Text(start, margin + length + line * 0.7, iface_("Error") + (f" [{unit}]" if unit else ""))
+    length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line - NAVIGATION_HEIGHT * scale), 2 * line)
+    heading = Text(start, margin + length + line * 0.7, title)
     if tolerance > 0.0:
-        return _two_bands(start, margin, width, gap, length, tolerance, title)
+        return _two_bands(start, margin, width, gap, length, tolerance, heading)
     count = 64
     bands = tuple(
         Band(start, margin + length * k / count, start + width, margin + length * (k + 1) / count, (k + 0.5) / count)
         for k in range(count)
     )
-    values = tick_values(low, high)
+    values = tick_values(low, high, next((count for count in (5, 3) if length >= count * line), 2))
     ticks = tuple(margin + length * (value - low) / ((high - low) or 1.0) for value in values)
     digits = tick_digits(values)
     words = tuple(
-        Text(start + width + gap, y - TEXT_SIZE * 0.35 * scale, f"{value:.{digits}g}")
+        Text(start + width + gap, y - TEXT_SIZE * 0.35 * scale, f"{value:.{4 if value == high else digits}g}")
         for value, y in zip(values, ticks, strict=True)
     )
-    return Legend(bands, ticks, (title, *words))
+    return Legend(bands, ticks, (heading, *words))
+
+
+def legend_of_patches(right: float, scale: float = 1.0) -> Legend:
+    """Lay out what stands in the place of the legend where patches are shown."""
+    start, margin, line = _left(right, scale), MARGIN * scale, TEXT_SIZE * 1.6 * scale
+    return Legend((), (), (Text(start, margin + line, iface_("Patches")), Text(start, margin, iface_("a colour each"))))
+
+
+def _left(right: float, scale: float) -> float:
+    return right - (MARGIN + BLOCK_WIDTH + NAVIGATION_WIDTH) * scale
+
+
+def surrounding_box(legend: Legend, scale: float = 1.0) -> tuple[float, float, float, float]:
+    """Return left, bottom, right and top of the dark box that makes a legend readable on every background."""
+    pad, text = GAP * scale, TEXT_SIZE * scale
+    start = legend.texts[0].x
+    bottom = min([*(band.bottom for band in legend.bands), *(word.y for word in legend.texts)])
+    top = max(word.y for word in legend.texts) + text
+    return start - pad, bottom - pad, start + BLOCK_WIDTH * scale + pad, top + pad
 
 
 def _two_bands(
@@ -104,11 +130,11 @@ def _two_bands(
     return Legend(bands, (middle,), (title, *words))
 
 
-def tick_values(low: float, high: float) -> list[float]:
-    """Return both ends of the range and even steps between them."""
+def tick_values(low: float, high: float, count: int) -> list[float]:
+    """Return `count` values in even steps, from one end of the range to the other."""
     if high <= low:
         return [low]
-    return [low + (high - low) * k / (TICKS - 1) for k in range(TICKS)]
+    return [low + (high - low) * k / (count - 1) for k in range(count)]
 
 
 def tick_digits(values: list[float]) -> int:
@@ -116,50 +142,67 @@ def tick_digits(values: list[float]) -> int:
     return next((d for d in range(2, 7) if len({f"{v:.{d}g}" for v in values}) == len(values)), 6)
 
 
-def unit_of(context: Context) -> tuple[str, float]:
-    """Return the short name of the scene's unit of length, and its number in one Blender unit."""
-    units = context.scene.unit_settings
-    named = {
-        "KILOMETERS": ("km", 1e-3), "METERS": ("m", 1.0), "CENTIMETERS": ("cm", 1e2), "MILLIMETERS": ("mm", 1e3),
-        "MICROMETERS": ("µm", 1e6), "MILES": ("mi", 1 / 1609.344), "FEET": ("ft", 1 / 0.3048),
-        "INCHES": ("in", 1 / 0.0254), "THOU": ("thou", 1000 / 0.0254),
-    }  # fmt: skip
-    if units.system == "NONE":
-        return "", 1.0
-    fallback = "METERS" if units.system == "METRIC" else "FEET"
-    name, factor = named.get(units.length_unit, named[fallback])
-    return name, factor * units.scale_length
+def title_of(coloured: Object, unit: str) -> str:
+    """Say what the colours of an object show, and in which unit."""
+    if coloured[SCALE][0] < 0.0:
+        what = iface_("Signed distance")
+    else:
+        what = iface_("Error") if REPORT in coloured or MADE_FROM in coloured else iface_("Distance")
+    return f"{what} [{unit}]" if unit else what
+
+
+def explained(context: Context) -> Object | None:
+    """Return the object whose colours the viewport's legend explains: the active one if it can be, or another."""
+    others = sorted(context.view_layer.objects, key=lambda each: each != context.active_object)
+    return next((each for each in others if has_heat_map(each) and each.visible_get(viewport=context.space_data)), None)
 
 
 _handle: object | None = None
 
 
 def draw() -> None:
-    """Draw the active object's legend if this viewport shows a heat map."""
+    """Draw the legend if this viewport shows the colours of errors or patches, and nothing else in their place."""
     context = bpy.context
-    if not anywhere_shown() or not shows_heat_map(context.space_data) or not has_heat_map(context.active_object):
+    space = context.space_data
+    if not anywhere_shown() or not shows_colours(space) or not space.overlay.show_overlays:
         return
-    low, high, tolerance = context.active_object[SCALE]
-    unit, factor = unit_of(context)
-    interface = context.preferences.system.ui_scale
-    legend = build_legend(
-        low * factor,
-        high * factor,
-        tolerance * factor,
-        unit,
-        context.region.height,
-        left=_toolbar_width(context),
-        scale=interface,
-    )
-    _draw_bands(legend, tolerance > 0.0)
-    _draw_words(legend, interface, context)
+    coloured = explained(context) if context.mode in MODES else None
+    if coloured is None:
+        return
+    active = coloured.data.color_attributes.active_color
+    if active is None or active.name not in {ERROR_COLOUR, PATCH_COLOUR}:
+        return
+    interface, right = context.preferences.system.ui_scale, _right_edge(context)
+    low, high, tolerance = coloured[SCALE]
+    if active.name == PATCH_COLOUR:
+        legend = legend_of_patches(right, interface)
+    else:
+        unit, factor = unit_for(context.scene, tolerance or high)
+        values = low * factor, high * factor, tolerance * factor
+        title = title_of(coloured, unit)
+        legend = build_legend(*values, title, context.region.height, right=right, scale=interface)
+    _draw_box(surrounding_box(legend, interface))
+    if legend.bands:
+        _draw_bands(legend, tolerance > 0.0)
+    _draw_words(legend, interface)
 
 
-def _toolbar_width(context: Context) -> float:
-    """Return the width of the toolbar that covers the viewport's left side."""
+def _right_edge(context: Context) -> float:
+    """Return where the viewport ends at the right, or the sidebar that lies over it begins."""
     overlap = context.preferences.system.use_region_overlap
-    toolbars = [region for region in context.area.regions if region.type == "TOOLS" and region.alignment == "LEFT"]
-    return float(max((region.width for region in toolbars if overlap and region.width > 1), default=0))
+    sidebars = [region for region in context.area.regions if region.type == "UI" and region.alignment == "RIGHT"]
+    covered = max((region.width for region in sidebars if overlap and region.width > 1), default=0)
+    return float(context.region.width - covered)
+
+
+def _draw_box(box: tuple[float, float, float, float]) -> None:
+    left, bottom, right, top = box
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    shader.uniform_float("color", (0.02, 0.02, 0.02, 0.92))
+    corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
+    gpu.state.blend_set("ALPHA")
+    batch_for_shader(shader, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)]).draw(shader)
+    gpu.state.blend_set("NONE")
 
 
 def _draw_bands(legend: Legend, two_colours: bool) -> None:
@@ -186,20 +229,12 @@ def _draw_bands(legend: Legend, two_colours: bool) -> None:
     batch_for_shader(lines, "LINES", {"pos": marks}).draw(lines)
 
 
-def _draw_words(legend: Legend, interface: float, context: Context) -> None:
+def _draw_words(legend: Legend, interface: float) -> None:
     blf.size(0, TEXT_SIZE * interface)
-    blf.color(0, *context.preferences.themes[0].view_3d.space.text_hi, 1.0)
-    blf.enable(0, blf.SHADOW)
-    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
+    blf.color(0, 1.0, 1.0, 1.0, 1.0)
     for word in legend.texts:
         blf.position(0, word.x, word.y, 0)
         blf.draw(0, word.text)
-    blf.disable(0, blf.SHADOW)
-
-
-@bpy.app.handlers.persistent
-def _forget_viewports(*_: object) -> None:
-    forget()
 
 
 def register() -> None:
@@ -207,7 +242,6 @@ def register() -> None:
     global _handle
     if not bpy.app.background:
         _handle = SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
-    bpy.app.handlers.load_pre.append(_forget_viewports)
 
 
 def unregister() -> None:
@@ -216,5 +250,3 @@ def unregister() -> None:
     if _handle is not None:
         SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    bpy.app.handlers.load_pre.remove(_forget_viewports)
-    forget()

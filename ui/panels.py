@@ -10,13 +10,13 @@ from bpy.types import Context, Panel, PropertyGroup, UILayout
 
 from ..operators.data.objects import selected_meshes
 from ..operators.data.presets import matching_preset, preset_title
+from ..operators.heat_map.shown import shows_heat_map
 from ..operators.run import preloading
 from ..operators.run.control import Run
 from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
-from ..operators.show_heat_map import shows_heat_map
 from .jobs import ITEMS
 from .optional import draw_optional
 from .sidebar import SidebarPanel, draw_lines, has_operator

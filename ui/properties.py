@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from bpy.types import Context, Object, PropertyGroup
 
 from ..operators.data.presets import plain_value, preset_values
+from ..operators.heat_map.shown import isolate_everywhere
 from ..solver.settings import MOST_SPLITS, CloudSettings, Settings
 from . import inspect_properties, jobs
 from .optional import optional_properties
@@ -98,6 +99,10 @@ def _recolour(display: PropertyGroup, context: Context) -> None:
     recolour_scene(context.scene)
 
 
+def _isolate(display: PropertyGroup, context: Context) -> None:
+    isolate_everywhere(context)
+
+
 class SparseSurfaceDisplay(PropertyGroup):
     """How errors are coloured."""
 
@@ -105,7 +110,7 @@ class SparseSurfaceDisplay(PropertyGroup):
         name="Range",
         description="Which error gets the brightest colour",
         items=[
-            ("AUTOMATIC", "Automatic", "The largest error of each object"),
+            ("AUTOMATIC", "Automatic", "The largest error of all objects whose heat maps are visible"),
             ("FIXED", "Fixed", "A value of your choice, the same for all objects, so that they can be compared"),
             ("PERCENTILE", "Percentile", "A percentile of each object's errors: a few outliers do not hide the rest"),
         ],
@@ -149,6 +154,7 @@ class SparseSurfaceDisplay(PropertyGroup):
         name="Hide the Rest",
         description="Show only objects with a heat map in this viewport (local view): originals do not hide them",
         default=True,
+        update=_isolate,
     )
 
 

@@ -25,6 +25,9 @@ edge, and its numbers of vertices and faces."""
 MADE_FROM = "sparse_surface_made_from"
 """Custom property of the objects of a reconstruction: the name of the points' object."""
 
+EARLY = "sparse_surface_early"
+"""Custom property of a result object while its surface is being solved: the session number of its source."""
+
 PATCH_COLOUR = "patch_color"
 """Colour attribute of a result's mesh that shows its patches."""
 

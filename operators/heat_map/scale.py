@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bpy.types import Object, PropertyGroup, Scene
+from bpy.types import PropertyGroup, Scene
 from numpy.typing import NDArray
 
-from ..data.attributes import read
+from ..data.attributes import read, show_colours
 from ..data.colours import ColourScale
-from ..data.result_keys import ERROR, has_heat_map
+from ..data.result_keys import EARLY, ERROR, PATCH_COLOUR, SCALE, has_heat_map, shows_patches
 from ..data.results import write_error
+from .shown import anywhere_shown
 
 
 def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
@@ -22,8 +23,9 @@ def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale
     elif display.range_mode == "PERCENTILE":
         high = float(np.percentile(errors, display.range_percentile)) if len(errors) else 0.0
     else:
-        high = float(errors.max(initial=0.0))
-    return ColourScale(0.0, high, shown_tolerance(scene))
+        high = float(np.abs(errors).max(initial=0.0))
+    signed = bool(len(errors)) and float(errors.min()) < 0.0
+    return ColourScale(-high if signed else 0.0, high, shown_tolerance(scene))
 
 
 def shown_tolerance(scene: Scene) -> float:
@@ -34,14 +36,22 @@ def shown_tolerance(scene: Scene) -> float:
     return settings.tolerance or settings.display.tolerance
 
 
-def recolour(coloured: Object, scene: Scene) -> None:
-    """Give an object's errors the colours of the scene's display settings."""
-    errors = read(coloured.data, ERROR)
-    write_error(coloured, errors, colour_scale(scene, errors))
-
-
 def recolour_scene(scene: Scene) -> None:
-    """Recolour every object of a scene that has a heat map and can be written."""
-    for candidate in scene.objects:
-        if has_heat_map(candidate) and candidate.data.is_editable and candidate.mode == "OBJECT":
-            recolour(candidate, scene)
+    """Recolour every object of a scene that has a heat map and can be written.
+
+    While a viewport shows heat maps, those that are visible share one scale, so that equal colours are equal errors.
+    """
+    errors = {
+        candidate: read(candidate.data, ERROR)
+        for candidate in scene.objects
+        if has_heat_map(candidate) and candidate.data.is_editable and candidate.mode == "OBJECT"
+    }
+    together = [each for each in errors if EARLY not in each and each.visible_get()] if anywhere_shown() else []
+    shared = colour_scale(scene, np.concatenate([errors[each] for each in together])) if together else None
+    for coloured, own in errors.items():
+        scale = shared if shared is not None and coloured in together else colour_scale(scene, own)
+        if list(coloured[SCALE]) != [scale.low, scale.high, scale.tolerance]:
+            patches = shows_patches(coloured)
+            write_error(coloured, own, scale)
+            if patches:
+                show_colours(coloured.data, PATCH_COLOUR)

@@ -14,7 +14,7 @@ from bpy.types import Context, Object
 
 from ...solver.errors import InputError
 from ..data.objects import create_object, marked_objects, remove_marked
-from ..data.result_keys import result_name
+from ..data.result_keys import EARLY, result_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
     from ..data.colours import ColourScale
     from ..data.meshes import Source
-
-EARLY = "sparse_surface_early"
-"""Custom property of such an object: the session number of its source."""
 
 _wanted = False
 """Whether a preview is under way; without one these objects are strays."""

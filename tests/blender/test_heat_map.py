@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.operators.data import colours as colour_ramp
 from bl_ext.user_default.sparse_surface.operators.data.colours import ColourScale, linear_to_srgb, ramp, srgb_to_linear
-from bl_ext.user_default.sparse_surface.ui.legend import build_legend, tick_values
+from bl_ext.user_default.sparse_surface.ui.legend import build_legend, surrounding_box, tick_values
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -151,11 +151,15 @@ def test_meshes_that_differ_in_polygons_are_refused():
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("height", [120, 300, 1080])
 def test_legend_lies_in_the_viewport_and_its_ticks_at_their_values(scale, height):
-    legend = build_legend(0.0, 0.08, 0.0, "m", height, left=50.0, scale=scale)
+    legend = build_legend(0.0, 0.08, 0.0, "Error [m]", height, right=1000.0, scale=scale)
     bottom, top = legend.bands[0].bottom, legend.bands[-1].top
     assert bottom > 0
     assert all(one.top == pytest.approx(two.bottom) for one, two in zip(legend.bands, legend.bands[1:], strict=False))
-    assert min(band.left for band in legend.bands) > 50.0
+    left, low, right, high = surrounding_box(legend, scale)
+    assert 1000.0 - 220.0 * scale < left < legend.bands[0].left < right < 1000.0 - 44 * scale  # left of the buttons
+    assert low > 0
+    assert height < 300 * scale or high < height - 130 * scale  # below the gizmo
+    assert all(upper - lower > 12 * scale for lower, upper in zip(legend.ticks, legend.ticks[1:], strict=False))
     title, *words = legend.texts
     assert title.text == "Error [m]"
     assert title.y > top
@@ -168,14 +172,14 @@ def test_legend_lies_in_the_viewport_and_its_ticks_at_their_values(scale, height
 
 
 def test_legend_of_a_tolerance():
-    legend = build_legend(0.0, 0.08, 0.01, "mm", 600)
+    legend = build_legend(0.0, 0.08, 0.01, "Error [mm]", 600, right=500.0)
     assert len(legend.bands) == 2
     assert {"inside", "outside", "0.01"} <= {word.text for word in legend.texts}
 
 
 def test_legend_of_no_error():
-    assert tick_values(0.0, 0.0) == [0.0]
-    assert len(build_legend(0.0, 0.0, 0.0, "", 600).ticks) == 1
+    assert tick_values(0.0, 0.0, 5) == [0.0]
+    assert len(build_legend(0.0, 0.0, 0.0, "Error", 600, right=500.0).ticks) == 1
 
 
 def test_statistics_text_has_the_figures():
