@@ -123,8 +123,7 @@ def join_local_views(context: Context) -> None:
         before = _before.get(space.as_pointer())
         if before is not None and before.isolated and space.local_view is not None:
             for candidate in heat_maps(context):
-                if not candidate.local_view_get(space):  # setting it again would count as a change
-                    candidate.local_view_set(space, True)
+                candidate.local_view_set(space, True)
 
 
 def heat_maps(context: Context) -> Iterator[Object]:

@@ -148,7 +148,7 @@ def test_it_survives_undo_redo_and_modes():
         yield 0.5
         space = driver.viewport().spaces.active
         assert shown.shows_heat_map(space)
-        assert bpy.data.objects[name].local_view_get(space)
+        assert driver.module("operators.data.viewports").is_shown_in(space, bpy.data.objects[name], bpy.context)
         words = yield from words_drawn()
         assert any(word.startswith("Error") for word in words), words
     for mode in ("EDIT", "OBJECT", "SCULPT", "OBJECT"):
