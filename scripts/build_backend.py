@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from setuptools import build_meta
+from setuptools.build_meta import build_editable as build_editable_checkout
 from setuptools.build_meta import build_sdist, get_requires_for_build_wheel, prepare_metadata_for_build_wheel
-from setuptools.build_meta import build_editable as _build_editable
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from build_native import NativeBuildError, build_here  # noqa: E402  it lies beside this file
+from build_native import NativeBuildError, build_here
 
 __all__ = [
     "build_editable",
@@ -39,7 +39,7 @@ def build_wheel(directory: str, config: dict[str, Any] | None = None, metadata: 
 def build_editable(directory: str, config: dict[str, Any] | None = None, metadata: str | None = None) -> str:
     """Install the checkout itself; see PEP 660."""
     _has_kernel()
-    return str(_build_editable(directory, config, metadata))
+    return str(build_editable_checkout(directory, config, metadata))
 
 
 def _has_kernel() -> bool:
