@@ -1,4 +1,4 @@
-"""Fixed points inside triangles, at which surfaces are observed and errors measured."""
+"""Fixed points inside triangles: some at which surfaces are observed, and others at which errors are measured."""
 
 from __future__ import annotations
 
@@ -18,6 +18,13 @@ SURFACE_SAMPLES = np.array(
     ]
 )
 """Barycentric coordinates of six interior points (Dunavant 1985, the rule of degree 4), (6, 3)."""
+
+_A, _B, _C = 0.659027622374092, 0.231933368553031, 0.109039009072877
+MEASURED_SAMPLES = np.array([[_A, _B, _C], [_A, _C, _B], [_B, _A, _C], [_B, _C, _A], [_C, _A, _B], [_C, _B, _A]])
+"""Barycentric coordinates of six points of equal weight (Strang and Fix 1973, degree 3), (6, 3).
+
+Errors are measured here.  Nothing is ever fitted to these points.
+"""
 
 CENTROID = np.full((1, 3), 1.0 / 3.0)
 

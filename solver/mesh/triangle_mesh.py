@@ -138,7 +138,7 @@ class TriangleMesh:
         _, first, number, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
         return np.where(count[number] > 1, first[number], -1)
 
-    @property
+    @cached_property
     def longest_side(self) -> float:
         """Longest side of the bounding box of all vertices."""
         return float(np.ptp(self.vertices, axis=0).max())

@@ -28,7 +28,7 @@ from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import CloudSettings, Settings
-from ..surface.metrics import domain_jacobians, flipped_triangles
+from ..surface.metrics import domain_jacobians, faces_turned, flipped_triangles
 from ..surface.representation import Representation
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
 from .correction import nearest_on_surface
@@ -314,6 +314,8 @@ class _Work:
             self.watch,
             flipped_triangles=flipped,
             passed_through_vertices=int(surface.patches.passed_through.sum()),
+            vertices_reproduced=0,
+            faces_turned=faces_turned(self.mesh.vertices, vertices, self.mesh.face_offsets, self.mesh.face_corners),
             iterations=iterations,
             counts={
                 "points": count,
