@@ -238,6 +238,7 @@ def _result(given: MeshInput, surface: MeshSurface, found: Fitted, watch: Stopwa
         vertices_reproduced=found.contained + (0 if kept is None else kept.vertices_reproduced),
         faces_turned=turned,
         iterations=found.iterations,
+        counts={"coincident_vertices": mesh.coincident_vertices},
         tolerance=None if kept is None else kept.as_dict(fitted.achieved),
         denoise=given.denoising(fitted),
     )

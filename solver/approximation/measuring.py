@@ -110,6 +110,7 @@ def measure(
     iterations: dict[str, list[float]],
     counts: dict[str, Any] | None = None,
     cloud: dict[str, Any] | None = None,
+    cloud_distances: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     denoise: dict[str, Any] | None = None,
 ) -> Report:
@@ -139,6 +140,7 @@ def measure(
         peak_memory_mb=surface.runner.peak_memory_mb(),
         workers=surface.runner.workers,
         denoise=denoise,
+        **(cloud_distances or {}),
     )
 
 

@@ -22,6 +22,9 @@ from .input_checks import checked_faces, checked_triangulation, checked_vertices
 from .topology import join_sides, number_edges, split_into_fans, winding_of
 from .triangulation import triangulate
 
+COINCIDENT = 1e-6
+"""Share of the longest side within which two vertices are taken to be at one place."""
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
@@ -137,6 +140,14 @@ class TriangleMesh:
         key = edge_keys(self.edges[:, 0], self.edges[:, 1], self.node_count)
         _, first, number, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
         return np.where(count[number] > 1, first[number], -1)
+
+    @property
+    def coincident_vertices(self) -> int:
+        """Number of vertices on open borders that lie where another one does, up to `COINCIDENT` of the longest side."""
+        on_border = self.vertices[np.unique(self.node_vertex[self.border])]
+        cells = np.rint((on_border - self.vertices.min(axis=0)) / (COINCIDENT * self.longest_side or 1.0))
+        _, first = np.unique(cells, axis=0, return_index=True)
+        return len(on_border) - len(first)
 
     @cached_property
     def longest_side(self) -> float:

@@ -39,7 +39,7 @@ def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
     checked = np.asarray(weights, dtype=np.float64)
     if checked.shape != (vertices,) or not ((checked >= 0.0) & (checked <= 1.0)).all():
         raise InputError("The weights must be one number from 0 to 1 for each vertex.")
-    return checked
+    return None if (checked == 1.0).all() else checked
 
 
 @dataclass(frozen=True)

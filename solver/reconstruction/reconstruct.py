@@ -32,6 +32,7 @@ from ..surface.metrics import domain_jacobians, faces_turned, flipped_triangles
 from ..surface.representation import Representation
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
 from .correction import nearest_on_surface
+from .distances import both_ways
 from .geometry import CloudGeometry, analyse
 from .noise import iterations_for_noise, ring_for_noise
 from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
@@ -325,6 +326,7 @@ class _Work:
                 "outliers": int((self.weights < OUTLIER_WEIGHT).sum()),
             },
             cloud=self.cloud.as_dict(),
+            cloud_distances=both_ways(representation, self.points, distance, self.geometry.spacing),
         )
         return Reconstruction(vertices, distance, feet.triangle, feet.barycentric, self.weights, report, representation)
 
