@@ -143,7 +143,7 @@ class TriangleMesh:
 
     @property
     def coincident_vertices(self) -> int:
-        """Number of vertices on open borders that lie where another one does, up to `COINCIDENT` of the longest side."""
+        """Number of vertices on open borders at the place of another one, within `COINCIDENT` of the longest side."""
         on_border = self.vertices[np.unique(self.node_vertex[self.border])]
         cells = np.rint((on_border - self.vertices.min(axis=0)) / (COINCIDENT * self.longest_side or 1.0))
         _, first = np.unique(cells, axis=0, return_index=True)
