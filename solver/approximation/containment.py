@@ -11,13 +11,17 @@ import numpy as np
 from ..arrays import Booleans, Indices
 from ..mesh.sampling import triangle_grid
 from ..surface.bounds import error_bounds, exceeding
-from .oscillation import MeshSurface
+from ..surface.representation import Representation
+from .oscillation import MeshSurface, UnevenTriangles
 
-ROOM = 0.01
+ROOM = 0.019
 """How far the surface may leave the box of its input, as a share of the longest side."""
 
 GRID = triangle_grid(12)
 """Where triangles with large errors are compared with the box."""
+
+RINGS = 3
+"""How far around uneven triangles a patch may swing out, in rings of triangles."""
 
 ROUNDS = 3
 
@@ -32,16 +36,28 @@ def kept_inside(surface: MeshSurface) -> tuple[int, tuple[float, float]]:
     bounds
         What `error_bounds` says of the surface then.
     """
-    bounds = error_bounds(surface.representation())
+    representation = surface.representation()
+    bounds, around = error_bounds(representation), _around_uneven(representation)
     # only a large error leads far out of the box
-    reproduced = _let_through(surface) if bounds[1] > ROOM * surface.mesh.longest_side else 0
+    if bounds[1] <= ROOM * surface.mesh.longest_side or not len(around):
+        return 0, bounds
+    reproduced = _let_through(surface, around)
     return reproduced, error_bounds(surface.representation()) if reproduced else bounds
 
 
-def _let_through(surface: MeshSurface) -> int:
+def _around_uneven(representation: Representation) -> Indices:
+    """Mesh triangles in the rings around uneven ones: elsewhere a surface bulges, but does not swing out."""
+    triangles = UnevenTriangles.of(representation).mesh_triangles
+    for _ in range(RINGS):
+        near = np.zeros(len(representation.vertices), dtype=bool)
+        near[representation.triangles[triangles]] = True
+        triangles = np.flatnonzero(near[representation.triangles].any(axis=1))
+    return triangles
+
+
+def _let_through(surface: MeshSurface, asked: Indices) -> int:
     mesh = surface.mesh
     reproduced = np.zeros(len(mesh.vertices), dtype=bool)
-    asked = np.arange(len(mesh.triangles))
     for _ in range(ROUNDS):
         outside = _outside(surface, asked)
         if not outside.any():

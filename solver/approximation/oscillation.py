@@ -118,11 +118,15 @@ class UnevenTriangles:
     ----------
     patches
         Which patches have some, (K,).
+    mesh_triangles
+        Their numbers in the mesh, one for each patch that holds them, (n,).
     """
 
-    def __init__(self, uneven: Booleans, offsets: Indices) -> None:
-        """Take which patch triangles are uneven, (S,), and where each patch's begin, (K + 1,)."""
+    def __init__(self, uneven: Booleans, representation: Representation) -> None:
+        """Take which of the patch triangles are uneven, (S,)."""
+        offsets = representation.triangle_offsets
         self._uneven, self._offsets = uneven, offsets
+        self.mesh_triangles = representation.mesh_triangles[uneven]
         self.patches = np.add.reduceat(uneven, offsets[:-1]) > 0 if len(offsets) > 1 else np.zeros(0, dtype=bool)
 
     @classmethod
@@ -135,7 +139,7 @@ class UnevenTriangles:
         middle = (offsets[:-1] + offsets[1:]) // 2
         median = sides[order[middle]] if len(middle) else np.zeros(0)
         seen = representation.corner_weights.max(axis=1, initial=0.0) > 0.0
-        return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), offsets)
+        return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)
 
     def largest_error(self, surface: MeshSurface, patch: int) -> float:
         """Largest error of a patch on its uneven triangles, scene units."""

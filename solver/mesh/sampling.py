@@ -19,14 +19,27 @@ SURFACE_SAMPLES = np.array(
 )
 """Barycentric coordinates of six interior points (Dunavant 1985, the rule of degree 4), (6, 3)."""
 
-_A, _B, _C = 0.659027622374092, 0.231933368553031, 0.109039009072877
-MEASURED_SAMPLES = np.array([[_A, _B, _C], [_A, _C, _B], [_B, _A, _C], [_B, _C, _A], [_C, _A, _B], [_C, _B, _A]])
-"""Barycentric coordinates of six points of equal weight (Strang and Fix 1973, degree 3), (6, 3).
-
-Errors are measured here.  Nothing is ever fitted to these points.
-"""
-
 CENTROID = np.full((1, 3), 1.0 / 3.0)
+
+
+def low_discrepancy(count: int) -> Array:
+    """Barycentric coordinates of points that cover a triangle evenly, (n, 3).
+
+    The sequence n (1 / g, 1 / g^2) mod 1 in the unit square, g^3 = g + 1, folded along the diagonal (Roberts 2018).
+    """
+    g = 1.3247179572447460
+    points = (0.5 + np.arange(1, count + 1)[:, None] * np.array([1.0 / g, 1.0 / g**2])) % 1.0
+    beyond = points.sum(axis=1) > 1.0
+    points[beyond] = 1.0 - points[beyond]
+    return np.column_stack([1.0 - points.sum(axis=1), points])
+
+
+MEASURED_SAMPLES = low_discrepancy(6)
+"""Where errors are measured, (6, 3).  Nothing is ever fitted to these points.
+
+Their root mean square error is within 1 % of that of 200 random points of every triangle; the rules of quadrature that
+have six points too fall 8 to 13 % short of it.
+"""
 
 
 def triangle_grid(splits: int) -> Array:
