@@ -10,6 +10,9 @@ Report = dict[str, Any]
 Length = Callable[[float], Any]
 """How a length is shown; without a scene, whose units say it, as a plain number in Blender units."""
 
+FAR_FROM_POINTS = 5.0
+"""A surface farther than this from the points, in their spacings, is worth a warning."""
+
 
 def plain(length: float) -> str:
     """Return a length as a number of three digits."""
@@ -21,7 +24,8 @@ def one_line(name: str, report: Report, length: Length = plain) -> str:
     given = report["input"]
     size = f"{given['points']} points over {given['vertices']} vertices" if "points" in given else None
     size = size or f"{given['vertices']} vertices"
-    return f"{name}: {size}, {quality(report, length)}, {report['seconds']['total']:.1f} s"
+    said = "; ".join([quality(report, length), *warnings(report, length)])
+    return f"{name}: {size}, {said}; {report['seconds']['total']:.1f} s"
 
 
 def quality(report: Report, length: Length = plain) -> str:
@@ -38,8 +42,43 @@ def quality(report: Report, length: Length = plain) -> str:
 
 def _surface_error(report: Report, measured: Report, length: Length) -> str:
     error, size = measured["surface_error"], report["input"]["bounding_box_longest_side"]
-    rms, largest = (f"{length(error[kind])} ({_share(error[kind], size)}" for kind in ("rms", "max"))
-    return f"surface error rms {rms} of the size), max {largest})"
+    rms, largest, at_vertices = error["rms"], error["max"], measured["vertex_error"]["max"]
+    return (
+        f"surface error rms {length(rms)} ({_share(rms, size)} of the size), max {length(largest)} "
+        f"({_share(largest, size)}), at vertices max {length(at_vertices)}"
+    )
+
+
+def warnings(report: Report, length: Length = plain) -> list[str]:
+    """Say what the errors do not show: what was copied, what turned over, where nothing is known."""
+    said = [_copied(report, length), _turned(report), _doubled(report), _far_from_points(report, length)]
+    return [sentence for sentence in said if sentence]
+
+
+def _copied(report: Report, length: Length) -> str:
+    copied, vertices = report["passed_through_vertices"], report["input"]["vertices"]
+    if copied == vertices and "denoise" not in report:
+        within = f" within {length(report['tolerance']['requested'])}" if "tolerance" in report else ""
+        return f"nothing could be approximated{within}: all {vertices} vertices are the input's"
+    reproduced = report["vertices_reproduced"]
+    return f"{reproduced} of {vertices} vertices copied from the input" if reproduced else ""
+
+
+def _turned(report: Report) -> str:
+    turned = report["faces_turned"]
+    return f"{turned} of {report['input']['faces']} faces turned over" if turned else ""
+
+
+def _doubled(report: Report) -> str:
+    doubled = report["input"].get("coincident_vertices", 0)
+    return f"{doubled} vertices coincide with others and leave seams open: merge them first" if doubled else ""
+
+
+def _far_from_points(report: Report, length: Length) -> str:
+    away = report.get("surface_to_points")
+    if away is None or away["max_spacings"] <= FAR_FROM_POINTS:
+        return ""
+    return f"the surface is up to {length(away['max'])} ({away['max_spacings']:.0f} spacings) from the nearest point"
 
 
 def _share(length: float, size: float) -> str:
@@ -70,11 +109,27 @@ def rows(report: Report, length: Length = float) -> list[tuple[str, Any]]:
         ("Patches", report["patches"]),
         *_noise_rows(report, length),
         *errors,
+        *_guaranteed_rows(report, length),
+        *_distance_rows(report, length),
         ("Normal error, degrees", report["normal_error_degrees"]),
+        ("Vertices copied", report["vertices_reproduced"]),
+        ("Faces turned over", report["faces_turned"]),
         ("Flipped triangles", report["flipped_triangles"]),
         ("Largest seam", length(report["seam_max"])),
         ("Seconds", report["seconds"]["total"]),
     ]
+
+
+def _guaranteed_rows(report: Report, length: Length) -> list[tuple[str, Any]]:
+    bound = report["surface_error"].get("bound")
+    return [] if bound is None else [("Surface error, guaranteed", length(bound))]
+
+
+def _distance_rows(report: Report, length: Length) -> list[tuple[str, Any]]:
+    if "points_to_surface" not in report:
+        return []
+    ways = (("Points to surface", "points_to_surface"), ("Surface to points", "surface_to_points"))
+    return [(f"{words}, {measure}", length(report[key][measure])) for words, key in ways for measure in ("rms", "max")]
 
 
 def _noise_rows(report: Report, length: Length) -> list[tuple[str, Any]]:
