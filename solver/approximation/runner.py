@@ -83,11 +83,6 @@ def chunk_runner(settings: Settings, vertices: int, executor: Executor | None = 
         Number of vertices of the mesh.
     executor
         The caller's own, which stays open; `workers` then says how many chunks it runs at once.
-
-    Raises
-    ------
-    SettingsError
-        When the settings ask for the compiled kernel and it cannot be used.
     """
     threads, workers = reason_for_numpy(settings) is None, settings.workers
     if executor is not None:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
-from ..errors import SettingsError
 from ..fitting import chunks as by_numpy
 from ..fitting.batch import Frame, Problem
 from ..fitting.chunks import ChunkTask, PatchFit
@@ -26,22 +25,9 @@ FRAME_SIZE = 10
 
 
 def reason_for_numpy(settings: Settings) -> str | None:
-    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does.
-
-    Raises
-    ------
-    SettingsError
-        When the settings ask for the kernel and it cannot be used.
-    """
+    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
     if settings.solver == "numpy":
         return "The settings ask for NumPy."
-    reason = _reason_against(settings)
-    if reason is not None and settings.solver == "native":
-        raise SettingsError(reason)
-    return reason
-
-
-def _reason_against(settings: Settings) -> str | None:
     if not METHODS[settings.method].compiled:
         return f"The compiled kernel does not solve the method {settings.method!r}."
     if settings.pursuit == "sklearn":
