@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ..fitting.chunks import ChunkTask, PatchFit
-from ..native.chunks import fit_chunk, reason_for_numpy
+from ..native.chunks import fit_chunk
+from ..native.library import reason_for_numpy
 from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
 from ..settings import Settings
