@@ -170,8 +170,7 @@ class SolverOperator:
     def say_result(self, name: str, report: dict[str, Any]) -> None:
         """Report the result in one line, and remember how long it took."""
         self.report({"INFO"}, one_line(name, report, partial(length_text, bpy.context.scene, digits=3)))
-        if "points" not in report["input"]:  # clouds take another time for each vertex
-            estimate.learn(report)
+        estimate.learn(report)
 
 
 def scene_settings(context: Context) -> Settings:
