@@ -13,7 +13,7 @@ from ..operators.data.presets import matching_preset, preset_title
 from ..operators.heat_map.shown import shows_heat_map
 from ..operators.run import preloading
 from ..operators.run.control import Run
-from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
+from ..operators.run.estimate import LARGE_MESH, coarse_meshes, estimate_meshes, vertex_count
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
@@ -167,12 +167,17 @@ def draw_progress(layout: UILayout, run: Run) -> None:
 
 
 def draw_estimate(layout: UILayout, context: Context) -> None:
-    """Show the estimated patch count and run time, and warn of large meshes."""
-    count = sum(vertex_count(chosen, context) for chosen in selected_meshes(context))
+    """Show the estimated patch count and run time, and warn of meshes that are too coarse or large."""
+    chosen = selected_meshes(context)
+    count = sum(vertex_count(each, context) for each in chosen)
     if not count or reason_against(context, *MESHES_TO_SOLVE):
         return
-    expected = estimate(count, context.scene.sparse_surface.to_settings())
-    text = iface_("About {} patches, {}").format(expected.patches, duration_text(expected.seconds))
+    for coarse in coarse_meshes(chosen, context):
+        text = iface_("{} vertices: too coarse to approximate; subdivide first")
+        draw_lines(layout, text.format(vertex_count(coarse, context)), "ERROR")
+    expected = estimate_meshes(chosen, context)
+    text = iface_("At least {} patches, {}") if expected.at_least else iface_("About {} patches, {}")
+    text = text.format(expected.patches, duration_text(expected.seconds))
     if not expected.patches:
         text = iface_("About {}").format(duration_text(expected.seconds))
     layout.label(text=text, icon="TIME", translate=False)

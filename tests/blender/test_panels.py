@@ -197,10 +197,16 @@ def test_a_setting_that_can_be_off_is_a_checkbox_with_a_value(name):
 def test_estimate_and_warning_of_large_meshes(monkeypatch):
     scenes.creased_sheet(40)
     text = words(drawn(panels.SPARSE_SURFACE_PT_main))
-    assert f"About {estimate.estimate(1600, bpy.context.scene.sparse_surface.to_settings()).patches} patches" in text
+    settings = bpy.context.scene.sparse_surface.to_settings()
+    assert f"About {estimate.estimate(1600, settings, closed=False).patches} patches" in text
     assert "Large mesh" not in text
     monkeypatch.setattr(panels, "LARGE_MESH", 1000)
     assert "Large mesh: about" in words(drawn(panels.SPARSE_SURFACE_PT_main))
+
+
+def test_a_mesh_that_is_too_coarse_is_told_before_the_run():
+    bpy.ops.mesh.primitive_cube_add()
+    assert "8 vertices: too coarse" in words(drawn(panels.SPARSE_SURFACE_PT_main))
 
 
 def test_estimate_counts_what_modifiers_make():
@@ -209,11 +215,11 @@ def test_estimate_counts_what_modifiers_make():
     bpy.context.view_layer.update()
     settings = bpy.context.scene.sparse_surface
     subdivided = 39 * 39
-    assert f"About {estimate.estimate(subdivided, settings.to_settings()).patches} patches" in words(
+    assert f"About {estimate.estimate(subdivided, settings.to_settings(), closed=False).patches} patches" in words(
         drawn(panels.SPARSE_SURFACE_PT_main)
     )
     settings.use_modifiers = False
-    assert f"About {estimate.estimate(400, settings.to_settings()).patches} patches" in words(
+    assert f"About {estimate.estimate(400, settings.to_settings(), closed=False).patches} patches" in words(
         drawn(panels.SPARSE_SURFACE_PT_main)
     )
 
