@@ -13,8 +13,9 @@ from bpy.types import Context, Event, Object
 
 from ...solver.errors import SparseSurfaceError
 from ...solver.settings import Settings
-from ..data.objects import find_object, select_only
+from ..data.objects import current_name, select_only, source_to_solve
 from ..data.report_text import one_line
+from ..data.visibility import readable, settle
 from . import estimate
 from .control import Preview, Run
 from .preferences import preferred_workers
@@ -149,9 +150,14 @@ class SolverOperator:
         return {"FINISHED"}
 
     def make_each(
-        self, make: Callable[[Any, Any], Object], context: Context, done: Sequence[Solved], refusals: list[str]
+        self,
+        make: Callable[[Any, Any], Object],
+        context: Context,
+        done: Sequence[Solved],
+        refusals: list[str],
+        others: Sequence[Object] = (),
     ) -> list[Object]:
-        """Make an object of each result by `make(source, result)`, and hide the originals where the scene says so."""
+        """Make an object of each result by `make(source, result)`, and show it instead of its source and `others`."""
         made = []
         for source, result in done:
             try:
@@ -159,10 +165,8 @@ class SolverOperator:
             except SparseSurfaceError as error:
                 refusals.append(str(error))
                 continue
-            original = find_object(source.session_uid)
-            if context.scene.sparse_surface.hide_original and original is not None:
-                original.hide_set(True)
-            self.say_result(source.name, result.report)
+            settle([made[-1]], context, others)
+            self.say_result(current_name(source), result.report)
         return made
 
     def say_result(self, name: str, report: dict[str, Any]) -> None:
@@ -179,18 +183,23 @@ def scene_settings(context: Context) -> Settings:
 
 
 def read_sources(context: Context, chosen: Sequence[Object]) -> tuple[list[Source], list[str]]:
-    """Read objects as the scene's settings ask; also return a sentence for each that is refused."""
+    """Read objects, or the sources of results, as the scene asks; also return a sentence for each that is refused."""
     from ..data.meshes import read_object
 
     settings = context.scene.sparse_surface
-    depsgraph = context.evaluated_depsgraph_get()
     how = {"evaluated": settings.use_modifiers, "vertex_group": settings.vertex_group}
-    sources, refusals = [], []
-    for candidate in chosen:
-        try:
-            sources.append(read_object(candidate, depsgraph, **how))
-        except SparseSurfaceError as error:
-            refusals.append(refusal(candidate.name, error, len(chosen)))
+    gone = rpt_("What '{}' was made from is gone. Press Use as Source to approximate it as it is.")
+    found = {candidate: source_to_solve(candidate) for candidate in chosen}
+    refusals = [gone.format(candidate.name) for candidate, source in found.items() if source is None]
+    wanted = list(dict.fromkeys(source for source in found.values() if source is not None))
+    sources = []
+    with readable(wanted, context):
+        depsgraph = context.evaluated_depsgraph_get()
+        for source in wanted:
+            try:
+                sources.append(read_object(source, depsgraph, **how))
+            except SparseSurfaceError as error:
+                refusals.append(refusal(source.name, error, len(chosen)))
     return sources, refusals
 
 

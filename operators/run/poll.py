@@ -8,7 +8,7 @@ from typing import Any
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context
 
-from ..data.objects import selected_meshes, selected_points
+from ..data.objects import chosen_objects, selected_meshes, selected_points
 from ..data.result_keys import has_patches, has_representation, read_report
 from .requirements import missing_packages
 from .session import session
@@ -54,7 +54,7 @@ def object_mode(context: Context) -> str:
 
 def meshes(context: Context) -> str:
     """At least one mesh with faces is selected."""
-    if not context.selected_objects:
+    if not chosen_objects(context):
         active = context.view_layer.objects.active
         if active is not None and not active.visible_get():  # Blender deselects what it hides
             return rpt_("'{}' is hidden: show it first").format(active.name)

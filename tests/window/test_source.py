@@ -1,0 +1,98 @@
+"""What a run does to the scene: one surface in one place, the source within reach, and the button pressed again."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import driver
+
+
+def solved(**settings: Any) -> driver.Steps:
+    """Press the button with what is selected and wait for the result."""
+    for name, value in {"iterations": 4, "sweeps": 0, **settings}.items():
+        setattr(bpy.context.scene.sparse_surface, name, value)
+    assert driver.approximate() == {"RUNNING_MODAL"}
+    yield from driver.wait_for(lambda: driver.running() is None, 240.0, "result")
+    yield 0.5
+    return bpy.context.view_layer.objects.active
+
+
+def visible() -> set[str]:
+    return {o.name for o in bpy.context.view_layer.objects if o.visible_get()}
+
+
+def positions(placed: Any) -> Any:
+    return driver.scenes.positions(placed.data).copy()
+
+
+def press_show_source(**arguments: Any) -> driver.Steps:
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.show_source("INVOKE_DEFAULT", True, **arguments) == {"FINISHED"}
+    yield 0.3
+
+
+def test_one_surface_is_seen_and_one_click_brings_both_back():
+    driver.clear_scene()
+    sheet = driver.add_creased_grid(30)
+    made = yield from solved()
+    assert visible() == {driver.RESULT}
+    with driver.in_viewport():
+        bpy.ops.view3d.view_selected()
+    yield 0.5
+    driver.shot("source_hidden")
+    yield from press_show_source()
+    assert visible() == {"Creased", driver.RESULT}
+    yield from press_show_source()
+    yield from press_show_source(beside=True)
+    with driver.in_viewport():
+        bpy.ops.view3d.view_all()
+    yield 0.5
+    driver.shot("source_beside")
+    assert driver.scenes.world_positions(sheet)[:, 0].max() < driver.scenes.world_positions(made)[:, 0].min()
+
+
+def test_pressing_again_with_the_result_selected_solves_the_source():
+    driver.clear_scene()
+    sheet = driver.add_creased_grid(30)
+    sheet.modifiers.new("Array", "ARRAY")
+    made = yield from solved()
+    first, name = positions(made), made.name
+    assert bpy.context.selected_objects == [made]
+    again = yield from solved()
+    assert again.name == name
+    assert {o.name for o in bpy.data.objects} == {"Creased", name}
+    assert np.array_equal(positions(again), first)
+    assert visible() == {name}
+    with driver.in_viewport():
+        bpy.ops.ed.undo()
+    yield 0.3
+    assert {o.name for o in bpy.data.objects} == {"Creased", name}
+    with driver.in_viewport():
+        bpy.ops.ed.undo()
+    yield 0.3
+    assert visible() == {"Creased"}
+
+
+def test_pressing_again_in_local_view_stays_in_it():
+    driver.clear_scene()
+    driver.add_creased_grid(24)
+    with driver.in_viewport():
+        bpy.ops.view3d.localview()
+    yield 0.3
+    space = driver.viewport().spaces.active
+    for replace in (True, False):
+        made = yield from solved(replace_result=replace)
+        seen = made.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        assert seen.visible_in_viewport_get(space)
+    with driver.in_viewport():
+        bpy.ops.view3d.localview()
+
+
+if __name__ == "__main__":
+    driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
