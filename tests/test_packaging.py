@@ -272,9 +272,11 @@ def test_window_scripts_can_be_left_out(
 
 def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     source, files = tmp_path / "source", script("build_extension").package_files()
+    needed = [*(CHECKOUT / "solver" / "native").glob("*.[ch]"), *(CHECKOUT / "scripts").glob("build_*.py")]
     # Measuring is for those who work on the library; the extension goes without.
     files = sorted({*files, *(path.relative_to(CHECKOUT) for path in (CHECKOUT / "benchmarks").rglob("*.py"))})
-    for path in [*files, Path("pyproject.toml"), Path("README.md"), Path("blender_manifest.toml")]:
+    other = [Path("pyproject.toml"), Path("README.md"), Path("blender_manifest.toml")]
+    for path in [*files, *other, *(path.relative_to(CHECKOUT) for path in needed)]:
         (source / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, source / path)
     (source / "tests").mkdir()
@@ -288,4 +290,8 @@ def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path)
             "sparse_surface",
             f"sparse_surface-{toml('pyproject.toml')['project']['version']}.dist-info",
         }
-    assert names == {path.as_posix() for path in files if path.name != "LICENSE"} | {"blender_manifest.toml"}
+    kernel = {name for name in names if name.startswith("solver/native/built/")}
+    assert names - kernel == {path.as_posix() for path in files if path.name != "LICENSE"} | {"blender_manifest.toml"}
+    # With a C compiler the wheel holds the kernel of this platform, and says so.
+    assert len(kernel) == (script("build_native").compiler_of_this_machine() is not None)
+    assert wheel.name.endswith("-py3-none-any.whl") == (not kernel)

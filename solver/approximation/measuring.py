@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
+from ..mesh.triangle_mesh import TriangleMesh
 from ..native.chunks import reason_for_numpy
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
@@ -93,7 +94,6 @@ def measure(
     denoise: dict[str, Any] | None = None,
 ) -> Report:
     """Fill in the report of a finished surface; `counts` are added to what `Report.input` says of the mesh."""
-    mesh = surface.mesh
     with watch.stage("measure"):
         measures = deviation.measures()
         jump, stored = seam(representation), len(representation.stored)
@@ -102,14 +102,7 @@ def measure(
         method=surface.settings.method,
         settings=surface.settings.as_dict(),
         cloud=cloud,
-        input={
-            "vertices": len(mesh.vertices),
-            "faces": mesh.polygon_count,
-            "triangles": len(mesh.triangles),
-            "components": mesh.component_count,
-            "bounding_box_longest_side": deviation.size,
-            **(counts or {}),
-        },
+        input={**_counts(surface.mesh), "bounding_box_longest_side": deviation.size, **(counts or {})},
         patches=representation.patches,
         flipped_triangles=flipped_triangles,
         passed_through_vertices=passed_through_vertices,
@@ -125,3 +118,12 @@ def measure(
         workers=surface.runner.workers,
         denoise=denoise,
     )
+
+
+def _counts(mesh: TriangleMesh) -> dict[str, Any]:
+    return {
+        "vertices": len(mesh.vertices),
+        "faces": mesh.polygon_count,
+        "triangles": len(mesh.triangles),
+        "components": mesh.component_count,
+    }
