@@ -28,7 +28,7 @@ OPERATORS = (
 )
 """The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
 
-WATCHERS = ("data.origins", "run.session", "run.preloading", "preview.object")
+WATCHERS = ("data.origins", "run.session", "run.watch", "run.preloading", "preview.object")
 """Modules with handlers for what happens in Blender."""
 
 

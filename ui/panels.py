@@ -9,7 +9,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout
 
-from ..operators.data.objects import selected_meshes
+from ..operators.data.objects import current_name, selected_meshes
 from ..operators.data.report_text import rows
 from ..operators.data.result_keys import read_report
 from ..operators.run import preloading
@@ -223,7 +223,7 @@ def draw_progress(layout: UILayout, run: Run) -> None:
         column.label(text="Starting the solver")
     else:
         if run.current_source is not None:
-            column.label(text=run.current_source.name, icon="OUTLINER_OB_MESH", translate=False)
+            column.label(text=current_name(run.current_source), icon="OUTLINER_OB_MESH", translate=False)
         column.progress(factor=run.progress.fraction, text=f"{run.progress.fraction:.0%}")
         column.label(text=run.progress.stage)
         if run.progress.detail:

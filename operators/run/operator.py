@@ -100,7 +100,7 @@ class SolverOperator:
 
     def modal(self, context: Context, event: Event) -> set[str]:
         run = self._run
-        if run is not None and session.current is run and event.type == "ESC" and event.value == "PRESS":
+        if run is not None and session.current is run and means_to_cancel(context, event):
             session.stop()
         if run is None or session.current is not run:
             self.report({"INFO"}, rpt_("Approximation cancelled"))
@@ -121,12 +121,14 @@ class SolverOperator:
     def _step(self, context: Context, run: Run) -> set[str]:
         previewed = self._preview(context, run, run.advance())
         # Undo would lose an object that is made outside of Object Mode.
-        run.waiting = run.done and context.mode != "OBJECT"
+        run.waiting = run.done and bool(run.results) and context.mode != "OBJECT"
         if not run.done or run.waiting:
             if not previewed:  # both in one redraw would block the window for longer
                 show_progress(context, run)
             return {"PASS_THROUGH"}
-        session.stop()
+        session.stop("\n".join(run.dropped))
+        for sentence in run.dropped:
+            self.report({"WARNING"}, sentence)
         return self._conclude(context, run.results, run.refusals)
 
     @staticmethod
@@ -172,8 +174,25 @@ class SolverOperator:
     def say_result(self, name: str, report: dict[str, Any]) -> None:
         """Report the result in one line, and remember how long it took."""
         self.report({"INFO"}, one_line(name, report))
-        if "points" not in report["input"]:  # clouds take another time for each vertex
+        # Clouds take another time for each vertex, and a run that was ended early tells nothing of whole ones.
+        if "points" not in report["input"] and not report.get("ended_early"):
             estimate.learn(report)
+
+
+def means_to_cancel(context: Context, event: Event) -> bool:
+    """Whether a key is ESC and meant for the run: pressed over a 3D viewport, in Object Mode, with nothing to stop.
+
+    Tools, menus and text fields take their own ESC before it comes here.
+    """
+    if (event.type, event.value) != ("ESC", "PRESS") or context.mode != "OBJECT":
+        return False
+    if any(window.screen.is_animation_playing for window in context.window_manager.windows):
+        return False
+    x, y = event.mouse_x, event.mouse_y
+    return any(
+        area.type == "VIEW_3D" and 0 <= x - area.x < area.width and 0 <= y - area.y < area.height
+        for area in context.window.screen.areas
+    )
 
 
 def scene_settings(context: Context) -> Settings:
