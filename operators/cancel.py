@@ -27,7 +27,7 @@ class SPARSE_SURFACE_OT_cancel(Operator):
         question = rpt_("The surface is ready and waits for Object Mode. Discard it?")
         return set(
             context.window_manager.invoke_confirm(
-                self, event, title=iface_("Cancel"), message=question, confirm_text=iface_("Discard")
+                self, event, title=iface_("Discard the Surface"), message=question, confirm_text=iface_("Discard")
             )
         )
 

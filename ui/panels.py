@@ -18,6 +18,7 @@ from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
+from ..operators.run.way_on import draw_way_on
 from ..operators.show_heat_map import shows_heat_map
 from ..solver.patch_methods import METHODS
 from .presets import SPARSE_SURFACE_PT_presets
@@ -81,6 +82,7 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         chosen = selected_meshes(context)
         text = iface_("Approximate") if len(chosen) < 2 else iface_("Approximate {} Meshes").format(len(chosen))
         button.operator("sparse_surface.approximate", text=text, icon="MOD_SMOOTH", translate=False)
+        draw_way_on(self.layout, context)
 
 
 class SPARSE_SURFACE_PT_domain(SubPanel, Panel):

@@ -139,7 +139,7 @@ class Run:
     @property
     def can_finish(self) -> bool:
         """Whether there is anything to be kept: a surface that is being refined, or a result."""
-        return not self.finishing and (self.has_surface or bool(self.results))
+        return not (self.finishing or self.done) and (self.has_surface or bool(self.results))
 
     def finish(self) -> None:
         """Keep the best result so far: end the current object early and start no other.

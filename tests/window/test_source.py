@@ -94,5 +94,26 @@ def test_pressing_again_in_local_view_stays_in_it():
         bpy.ops.view3d.localview()
 
 
+def test_a_curve_is_converted_by_the_button_beside():
+    """Clicked where the panel draws it, below the button of which it says why it is grey."""
+    driver.clear_scene()
+    with driver.in_viewport():
+        bpy.ops.curve.primitive_bezier_circle_add()
+    curve = bpy.context.view_layer.objects.active
+    curve.data.extrude = 0.5
+    yield from driver.open_sidebar()
+    yield 0.5
+    driver.shot("way_on_curve")
+    panel = driver.region("UI")
+    x = panel.x + panel.width // 2
+    for y in range(panel.y + panel.height - 150, panel.y + panel.height - 420, -8):
+        if curve.type == "MESH" or len(bpy.data.meshes):
+            break
+        driver.click(x, y)
+        yield 0.2
+    driver.shot("way_on_converted")
+    assert bpy.context.view_layer.objects.active.type == "MESH"
+
+
 if __name__ == "__main__":
     driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
