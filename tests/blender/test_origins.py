@@ -187,3 +187,18 @@ def test_linked_sources_are_found_by_library_and_name(tmp_path: Path):
     assert visible() == [made.name]
     assert press_again(made) == made
     assert len(bpy.data.objects) == 2
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_a_result_is_compared_with_its_source_as_modifiers_leave_it(both: bool):
+    """Hidden, or selected together with it and active; the result gets the colours either way."""
+    source = scenes.creased_sheet(12)
+    source.modifiers.new("Array", "ARRAY").count = 2
+    made = scenes.approximate(source_shown="SHOWN" if both else "HIDDEN")
+    expected = scenes.values(made.data, "error").copy()
+    made.data.attributes.remove(made.data.attributes["error"])
+    scenes.select(*([made, source] if both else [made]))
+    assert bpy.ops.sparse_surface.compare() == {"FINISHED"}
+    assert np.allclose(scenes.values(made.data, "error"), expected, rtol=1e-4, atol=1e-6)
+    assert source.hide_get() != both
+    assert "error" not in source.data.attributes

@@ -115,5 +115,19 @@ def test_a_curve_is_converted_by_the_button_beside():
     assert bpy.context.view_layer.objects.active.type == "MESH"
 
 
+def test_a_result_is_compared_with_its_hidden_source():
+    driver.clear_scene()
+    sheet = driver.add_creased_grid(30)
+    sheet.modifiers.new("Array", "ARRAY")
+    made = yield from solved()
+    largest = made["sparse_surface"]["vertex_error"]["max"]
+    made.data.attributes.remove(made.data.attributes["error"])
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.compare("INVOKE_DEFAULT", True) == {"FINISHED"}
+    yield 0.3
+    assert abs(float(driver.scenes.values(made.data, "error").max()) - largest) < 1e-3 * largest
+    assert visible() == {driver.RESULT}
+
+
 if __name__ == "__main__":
     driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
