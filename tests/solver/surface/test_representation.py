@@ -10,7 +10,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from sparse_surface.benchmarks.generated_models import cube, moebius
 from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.surface.metrics import EDGE_SAMPLES, SURFACE_SAMPLES, seam, surface_error
+from sparse_surface.solver.mesh.sampling import SURFACE_SAMPLES
+from sparse_surface.solver.surface.metrics import EDGE_SAMPLES, seam, surface_error
 
 Array = NDArray[np.float64]
 
