@@ -36,8 +36,8 @@ def test_two_boxes_are_measured_both_ways(tmp_path: Path) -> None:
     done = run(large, small, "--signed", "--tolerance", "0.6", "--report", report, "--csv", csv, "-o", out)
     assert done.returncode == 0, done.stderr
     values = json.loads(report.read_text())
-    assert values["a_to_b"]["max"] == pytest.approx(np.sqrt(0.75), abs=1e-5)
-    assert values["b_to_a"]["max"] == pytest.approx(0.5, abs=1e-5)
+    assert values["a_to_b"]["max"] == pytest.approx(np.sqrt(0.75), abs=1e-4)
+    assert values["b_to_a"]["max"] == pytest.approx(0.5, abs=1e-4)
     assert values["b_to_a"]["signed_mean"] == pytest.approx(-0.5, abs=1e-5)
     assert values["hausdorff"] == values["a_to_b"]["max"]
     assert 0.0 < values["inside_tolerance"] < 1.0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...solver.arrays import offsets_of
 from ...solver.distance.settings import SurfacePair
 from ...solver.distance.surfaces import Surface
-from ...solver.errors import InputError
+from ...solver.errors import FileFormatError, InputError
 from ...solver.mesh.triangulation import triangulate
 from ...solver.surface.representation import Representation
 from ...solver.surface.resampling import resample
@@ -115,7 +115,7 @@ def read_file(path: Path) -> Measurable:
         return Measurable(path.stem, vertices, corners, sizes, triangles)
     try:
         found = read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud")
-    except InputError:
+    except (InputError, FileFormatError):
         if path.suffix.lower() not in TEXT or not path.is_file():
             raise
         found = [read_points(path)]

@@ -21,7 +21,9 @@ from .targets import Nearest
 
 PLACES_AT_ONCE = 1 << 16
 BOUND_TOLERANCE = 1e-6
-"""Of the longest side: how close the bounds of a maximum come to each other."""
+"""Of the longest side: how close the bounds of a maximum come to each other, or `OF_DISTANCE` of the maximum."""
+
+OF_DISTANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +166,8 @@ def _largest(a: Surface, b: Surface, nearest: Nearest, places: Array, distances:
         at = int(nearest.distance.argmax())
         found = float(nearest.distance[at])
         return Largest(found, found, places[at], nearest.foot[at])
-    tolerance = BOUND_TOLERANCE * max(a.longest_side, b.longest_side)
+    farthest = float(nearest.distance.max())
+    tolerance = max(BOUND_TOLERANCE * max(a.longest_side, b.longest_side), OF_DISTANCE * farthest)
     largest = largest_distance(a.vertices, a.triangles, nearest.distance, nearest.element, b.target, tolerance)
     at = int(np.abs(distances).argmax())
     if abs(distances[at]) <= largest.found:

@@ -21,7 +21,7 @@ def test_a_larger_ball_is_that_much_larger() -> None:
     for way, sign in (("a_to_b", 1.0), ("b_to_a", -1.0)):
         assert report[way]["mean"] == pytest.approx(0.1, abs=5e-3)
         assert report[way]["signed_mean"] == pytest.approx(sign * 0.1, abs=5e-3)
-        assert report[way]["max"] <= report[way]["max_bound"] <= report[way]["max"] + 3e-6
+        assert report[way]["max"] <= report[way]["max_bound"] <= report[way]["max"] + 2e-4
     assert report["hausdorff"] == max(report["a_to_b"]["max"], report["b_to_a"]["max"])
     assert report["inside_tolerance"] < 0.05
     assert sum(report["histogram"]["counts"]) == 5000
@@ -45,7 +45,7 @@ def test_a_moved_copy_is_aligned_first() -> None:
     settings = DistanceSettings(align="rigid", samples=1000)
     away = vertices + np.array([3.0, 0.0, 1.0])
     measured = distance(Surface.of(away, triangles), Surface.of(vertices, triangles), settings)
-    assert measured.report["hausdorff"] < 1e-9
+    assert measured.report["hausdorff"] < 1e-7
     matrix = np.array(measured.report["alignment"])
     assert matrix.shape == (4, 4)
     assert np.linalg.det(matrix) == pytest.approx(1.0)
