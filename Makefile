@@ -18,7 +18,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv demo test test-solver test-tools test-blender test-long test-matrix test-window lint-venv lint format build bench pages \
+.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window lint-venv lint format build bench pages \
 	figures clean
 
 help: ## list the targets
@@ -27,6 +27,7 @@ help: ## list the targets
 venv: ## set up .venv (Python 3.11 or 3.13 as found, or PYTHON=...)
 	@python="$$(scripts/find_python.sh 3.11 3.13)" && \
 		"$$python" scripts/environment.py $(VENV) test development solver blender --editable
+	@$(PY) scripts/build_native.py --if-needed
 
 demo: venv ## approximate two models, or MODEL=file, in Blender; results in out/
 	@$(PY) scripts/demo.py $(if $(MODEL),"$(MODEL)")
@@ -60,6 +61,9 @@ lint: lint-venv ## ruff (lint and format) and mypy
 	@$(LINT)/bin/python -m ruff check .
 	@$(LINT)/bin/python -m ruff format --check .
 	@$(LINT)/bin/python scripts/type_check.py
+
+native: venv ## the compiled kernel for every platform, into build/native/
+	@$(PY) scripts/build_native.py --all
 
 format: lint-venv ## format the code
 	@$(LINT)/bin/python -m ruff check --fix .

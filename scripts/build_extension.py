@@ -21,12 +21,14 @@ import zipfile
 from pathlib import Path
 from platform import machine as machine_name
 
+from build_native import NativeBuildError, build_for
 from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
 
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
 FOLDERS = ("command_line", "operators", "presets", "solver", "ui")
 FILES = ("LICENSE", "py.typed")
+KERNEL = Path("solver", "native", "built")  # the compiled kernel, another one on each platform
 DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can hold
 
 
@@ -35,12 +37,13 @@ class BuildError(Exception):
 
 
 def package_files() -> list[Path]:
-    """Return what belongs to the package, relative to the checkout, in order."""
+    """Return what belongs to the package on every platform, relative to the checkout, in order."""
     inside = [path for folder in FOLDERS for path in (CHECKOUT / folder).rglob("*") if path.is_file()]
     found = [
         path.relative_to(CHECKOUT) for path in [*inside, *CHECKOUT.glob("*.py"), *(CHECKOUT / name for name in FILES)]
     ]
-    return sorted(path for path in found if "__pycache__" not in path.parts and not path.name.startswith("."))
+    kept = [path for path in found if not {"__pycache__", KERNEL.name} & {*path.parts}]
+    return sorted(path for path in kept if path.suffix not in (".c", ".h") and not path.name.startswith("."))
 
 
 def manifest_source() -> str:
@@ -56,11 +59,14 @@ def manifest_text(platform: str, wheels: list[str]) -> str:
     return "\n".join([top, *lines, first_table + tables])
 
 
-def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
-    """Copy the package into a new folder with the manifest of its zip."""
+def stage(folder: Path, platform: str, wheels: list[Path], kernel: Path | None) -> None:
+    """Copy the package into a new folder, with the compiled kernel and the manifest of its zip."""
     for path in package_files():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, folder / path)
+    if kernel is not None:
+        (folder / KERNEL).mkdir()
+        shutil.copyfile(kernel, folder / KERNEL / kernel.name)
     (folder / "wheels").mkdir()
     for wheel in wheels:
         shutil.copyfile(wheel, folder / "wheels" / wheel.name)
@@ -116,13 +122,14 @@ def build(platform: str, folder: Path) -> Path:
 
     Raises
     ------
-    BuildError, WheelError
+    BuildError, NativeBuildError, WheelError
         With the builder's or the validator's own words.
     """
     wheels = [] if platform == WITHOUT_WHEELS else fetch_platform(platform)
+    kernel = None if platform == WITHOUT_WHEELS else build_for(platform)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".building_", dir=folder) as temporary:
-        stage(Path(temporary) / "package", platform, wheels)
+        stage(Path(temporary) / "package", platform, wheels, kernel)
         draft = Path(temporary) / zip_name(platform)
         run_tool("build", "--source-dir", str(Path(temporary) / "package"), "--output-filepath", str(draft))
         settle(draft)
@@ -150,7 +157,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         for kind in options.kinds or kinds:
             print(describe(build(kind, options.output)), flush=True)
-    except (BuildError, WheelError) as error:
+    except (BuildError, NativeBuildError, WheelError) as error:
         print(error, file=sys.stderr)
         return 1
     print(f"done in {time.perf_counter() - start:.0f} s")

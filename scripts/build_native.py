@@ -22,7 +22,7 @@ from pathlib import Path
 CHECKOUT = Path(__file__).resolve().parent.parent
 SOURCES = CHECKOUT / "solver" / "native"
 BUILT = CHECKOUT / "build" / "native"
-ZIG = CHECKOUT / "build" / "zig"
+ZIG = CHECKOUT / "wheels" / "zig"
 LARGEST = 512 * 1024
 """Bytes that a library may have."""
 
@@ -151,7 +151,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("platforms", nargs="*", choices=[[], *TARGETS], metavar="PLATFORM", help=", ".join(TARGETS))
     parser.add_argument("--all", action="store_true", help="for all platforms")
+    parser.add_argument("--if-needed", action="store_true", help="say nothing where nothing was to be built")
     options = parser.parse_args(arguments)
+    if options.if_needed and (is_current(library_here()) or compiler_of_this_machine() is None):
+        return 0
     try:
         named = list(TARGETS) if options.all else options.platforms
         built = [build_for(name) for name in named] if named else [build_here()]

@@ -10,15 +10,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOM = 1 << 16
-"""Bytes that must still fit on the disk after writing: Blender's exporters truncate a file without an error."""
+"""Bytes that must still fit on the disk after a silent writer has finished."""
 
 
 @contextlib.contextmanager
-def atomic_output(path: Path) -> Iterator[Path]:
+def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
     """Yield a path to write to; when the block ends well, the file moves to `path`, and when it fails nothing remains.
 
     The draft has the same file name in a temporary folder beside `path`, because exporters write further files
     (materials, buffers) that refer to each other by name.
+
+    Parameters
+    ----------
+    silent_writer
+        Whether what writes may cut a file short on a full disk without an error, as Blender's exporters do.
 
     Raises
     ------
@@ -31,7 +36,8 @@ def atomic_output(path: Path) -> Iterator[Path]:
         written = sorted(folder.iterdir())
         if folder / path.name not in written:
             raise OSError(f"'{path}' was not written")
-        _check_room(folder)
+        if silent_writer:
+            _check_room(folder)
         for product in written:
             os.replace(product, path.absolute().parent / product.name)
     finally:

@@ -76,7 +76,7 @@ def write_meshes(path: Path, objects: Sequence[Object]) -> None:
     bpy.context.view_layer.update()
     for other in bpy.context.view_layer.objects:
         other.select_set(other in objects)
-    with atomic_output(path) as draft:
+    with atomic_output(path, silent_writer=True) as draft:
         try:
             _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
         except RuntimeError as error:

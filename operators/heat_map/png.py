@@ -17,7 +17,7 @@ from ...solver.atomic_files import atomic_output
 
 def render_png(scene: Scene, picture: Path) -> None:
     """Render to a file that appears when it is complete."""
-    with atomic_output(picture) as draft:
+    with atomic_output(picture, silent_writer=True) as draft:
         scene.render.filepath = str(draft)
         scene.render.use_file_extension = False
         with _quiet():
