@@ -14,6 +14,7 @@ OPERATORS = (
     "compare",
     "compare_methods",
     "copy_statistics",
+    "distance",
     "domains_to_uv",
     "finish",
     "inspect_patch",

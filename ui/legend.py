@@ -71,7 +71,7 @@ def build_legend(
     length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line), 2 * line)
     title = Text(start, margin + length + line * 0.7, iface_("Error") + (f" [{unit}]" if unit else ""))
     if tolerance > 0.0:
-        return _two_bands(start, margin, width, gap, length, tolerance, title)
+        return _bands(start, margin, width, gap, length, tolerance, title, signed=low < 0.0)
     count = 64
     bands = tuple(
         Band(start, margin + length * k / count, start + width, margin + length * (k + 1) / count, (k + 0.5) / count)
@@ -87,21 +87,19 @@ def build_legend(
     return Legend(bands, ticks, (title, *words))
 
 
-def _two_bands(
-    start: float, margin: float, width: float, gap: float, length: float, tolerance: float, title: Text
+def _bands(
+    start: float, margin: float, width: float, gap: float, length: float, tolerance: float, title: Text, *, signed: bool
 ) -> Legend:
-    middle = margin + length / 2
-    bands = (
-        Band(start, margin, start + width, middle, 0.0),
-        Band(start, middle, start + width, margin + length, 1.0),
-    )
+    """Lay out bands of equal height: inside and outside of the tolerance, or below, within and above it."""
+    names = (iface_("below"), iface_("within"), iface_("above")) if signed else (iface_("inside"), iface_("outside"))
+    borders = (-tolerance, tolerance) if signed else (tolerance,)
+    count = len(names)
+    edges = [margin + length * k / count for k in range(count + 1)]
+    bands = tuple(Band(start, edges[k], start + width, edges[k + 1], (k + 0.5) / count) for k in range(count))
     x = start + width + gap
-    words = (
-        Text(x, margin + length * 0.25, iface_("inside")),
-        Text(x, middle, f"{tolerance:.4g}"),
-        Text(x, margin + length * 0.75, iface_("outside")),
-    )
-    return Legend(bands, (middle,), (title, *words))
+    words = [Text(x, (edges[k] + edges[k + 1]) / 2, name) for k, name in enumerate(names)]
+    words += [Text(x, edge, f"{value:.4g}") for edge, value in zip(edges[1:-1], borders, strict=True)]
+    return Legend(bands, tuple(edges[1:-1]), (title, *words))
 
 
 def tick_values(low: float, high: float) -> list[float]:
@@ -151,7 +149,7 @@ def draw() -> None:
         left=_toolbar_width(context),
         scale=interface,
     )
-    _draw_bands(legend, tolerance > 0.0)
+    _draw_bands(legend, low, high, tolerance)
     _draw_words(legend, interface, context)
 
 
@@ -162,15 +160,16 @@ def _toolbar_width(context: Context) -> float:
     return float(max((region.width for region in toolbars if overlap and region.width > 1), default=0))
 
 
-def _draw_bands(legend: Legend, two_colours: bool) -> None:
-    from ..operators.data.colours import INSIDE, OUTSIDE, STEPS, linear_to_srgb, ramp
+def _draw_bands(legend: Legend, low: float, high: float, tolerance: float) -> None:
+    from ..operators.data.colours import STEPS, ColourScale, linear_to_srgb, ramp
 
     positions: list[tuple[float, float]] = []
     colours: list[tuple[float, ...]] = []
     indices: list[tuple[int, int, int]] = []
-    srgb = linear_to_srgb(ramp())
+    scale = ColourScale(low, high, tolerance)
+    srgb = scale.bands if tolerance > 0.0 else linear_to_srgb(ramp(scale.signed))
     for band in legend.bands:
-        colour = (OUTSIDE if band.share > 0.5 else INSIDE) if two_colours else srgb[int(band.share * (STEPS - 1))]
+        colour = srgb[int(band.share * (len(srgb) if tolerance > 0.0 else STEPS - 1))]
         first = len(positions)
         positions += [
             (band.left, band.bottom), (band.right, band.bottom), (band.right, band.top), (band.left, band.top)

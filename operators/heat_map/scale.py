@@ -15,7 +15,9 @@ from ..data.results import write_error
 
 
 def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
-    """Return the scale that the scene's display settings ask for on these errors."""
+    """Return the scale that the scene's display settings ask for; it is even around zero if errors have signs."""
+    signed = bool((errors < 0.0).any())
+    errors = np.abs(errors)
     display = scene.sparse_surface.display
     if display.range_mode == "FIXED":
         high = display.range_maximum
@@ -23,7 +25,7 @@ def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale
         high = float(np.percentile(errors, display.range_percentile)) if len(errors) else 0.0
     else:
         high = float(errors.max(initial=0.0))
-    return ColourScale(0.0, high, shown_tolerance(scene))
+    return ColourScale(-high if signed else 0.0, high, shown_tolerance(scene))
 
 
 def shown_tolerance(scene: Scene) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import bpy
 from bpy.types import Context, Timer
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ...solver.approximation.result import Approximation
-    from ...solver.interchange import CloudOutcome
     from ...solver.job import Job
     from ...solver.progress import Progress
     from ..data.meshes import Source
@@ -81,7 +79,7 @@ class Run:
 
     tasks: list[tuple[Source | CloudSource, Settings]]
     preview: Preview | None = None
-    results: list[tuple[Source | CloudSource, Approximation | CloudOutcome]] = field(default_factory=list)
+    results: list[tuple[Any, Any]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     dropped: list[str] = field(default_factory=list)
     progress: Progress | None = None

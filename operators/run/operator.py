@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from ..data.meshes import Source
     from ..data.points import CloudSource
 
-Task = tuple[Any, Settings]
-"""What is read from an object, a `Source` or a `CloudSource`, and the settings."""
+Task = tuple[Any, Any]
+"""What is read from an object, a `Source`, a `CloudSource` or a `PairSource`, and the settings."""
 
 Solved = tuple[Any, Any]
-"""A `Source` with its `Approximation`, or a `CloudSource` with its `CloudOutcome`."""
+"""A `Source` with its `Approximation`, a `CloudSource` with its `CloudOutcome`, a `PairSource` with its `Distances`."""
 
 
 class SolverOperator:
