@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..operators.files.formats import POINTS, READABLE
+from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
 from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
-from .outputs import MESH, OUTPUTS, REPORT
+from .outputs import DISTANCE_OUTPUTS, MESH, OUTPUTS, REPORT
 
 PROGRAM = "sparse_surface"
 
@@ -124,12 +125,30 @@ def _add_compare(parser: argparse.ArgumentParser) -> Sequence[Settle]:
     return [settle]
 
 
+def _add_distance(parser: argparse.ArgumentParser) -> Sequence[Settle]:
+    def settle(options: argparse.Namespace) -> None:
+        names = [item.name for item in dataclasses.fields(DistanceSettings)]
+        options.settings = DistanceSettings(**{n: getattr(options, n) for n in names if hasattr(options, n)})
+
+    for name, metavar in (("first", "A"), ("second", "B")):
+        text = f"file with a mesh or points, or a representation (.npz): {' '.join(POINTS)}"
+        parser.add_argument(name, type=Path, metavar=metavar, help=text)
+    parser.add_argument("--signed", action="store_true", help="distances inside B are negative")
+    parser.add_argument("--align", choices=ALIGNMENTS, default="none", help="move A onto B first, or scale it too")
+    parser.add_argument("--tolerance", type=float, default=0.0, metavar="T", help="say which share is within T")
+    parser.add_argument("--samples", type=positive_number, default=200_000, metavar="N", help="places on each mesh")
+    for output in DISTANCE_OUTPUTS:
+        output.add_to(parser)
+    return [settle]
+
+
 COMMANDS = (
     (_add_approximate, "approximate", "approximate the meshes of a file; lengths are in its unit"),
     (_add_reconstruct, "reconstruct", "make a surface from the points of a file; lengths are in its unit"),
     (_add_evaluate, "evaluate", "evaluate a saved representation, in its object's coordinates, with split edges"),
     (_add_inspect, "inspect", "list a patch's functions and energies; write its domains and functions laid flat"),
     (_add_compare, "compare", "approximate a mesh with two presets; their errors share one colour scale"),
+    (_add_distance, "distance", "measure the distances between any two meshes or point clouds, both ways"),
 )
 """What adds the arguments of a command and returns what completes them; its name and summary.
 

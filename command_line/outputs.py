@@ -22,6 +22,7 @@ class Made:
     """A result with what it was made from: the file, objects in Blender, what the solver returned.
 
     `resolution` says into how many parts each edge is split before the result is written; None: it stays as it is.
+    `measured` are distances between `result` and `source`.  `shown` is what pictures show of the result, if not itself.
     """
 
     input: Path
@@ -30,6 +31,9 @@ class Made:
     report: dict[str, Any]
     representation: Any
     resolution: int | None = None
+    measured: Any = None
+    shown: Any = None
+    caption: str = "Sparse Surface"
 
 
 @dataclass(frozen=True)
@@ -112,7 +116,8 @@ def _write_heat_map(path: Path, made: Sequence[Made]) -> None:
     from ..operators.heat_map.picture import render_heatmap
 
     with _shown_beside(made[0]) as source:
-        render_heatmap(made[0].result, path, source=source, up=up_axis(made[0].input))
+        shown = made[0].shown or made[0].result
+        render_heatmap(shown, path, source=source, up=up_axis(made[0].input), caption=made[0].caption)
 
 
 @contextlib.contextmanager
@@ -137,8 +142,28 @@ def _shown_beside(made: Made) -> Iterator[Any]:
         bpy.data.meshes.remove(shapes.data)
 
 
+def _write_csv(path: Path, made: Sequence[Made]) -> None:
+    from ..operators.measure.showing import write_csv
+
+    write_csv(path, made[0].measured)
+
+
+def _write_histogram(path: Path, made: Sequence[Made]) -> None:
+    from ..operators.measure.histogram import render_histogram
+
+    render_histogram(made[0].measured, made[0].caption, path)
+
+
+def _write_page(path: Path, made: Sequence[Made]) -> None:
+    from ..operators.measure.page import write_page
+
+    each = made[0]
+    write_page(path, each.shown, each.source, each.measured, each.caption, up_axis(each.input))
+
+
 MESH = Output(("-o", "--output"), "OUTPUT", f"mesh file: {' '.join(WRITABLE)}", _write_meshes, WRITABLE)
 REPORT = Output(("--report",), "REPORT.json", "file for the figures of the result", _write_report)
+HEAT_MAP = Output(("--heatmap",), "PICTURE.png", "picture of the error", _write_heat_map, (".png",), one_each=True)
 OUTPUTS = (
     MESH,
     REPORT,
@@ -149,14 +174,25 @@ OUTPUTS = (
         _write_representation,
         one_each=True,
     ),
-    Output(("--heatmap",), "PICTURE.png", "picture of the error", _write_heat_map, (".png",), one_each=True),
+    HEAT_MAP,
 )
 """What `approximate` and `reconstruct` write; a row is all that a new kind of file takes."""
 
 
-def write_outputs(options: argparse.Namespace, made: Sequence[Made]) -> None:
+DISTANCE_OUTPUTS = (
+    MESH,
+    REPORT,
+    Output(("--csv",), "FILE.csv", "file for the distance at each vertex of A", _write_csv, (".csv",)),
+    Output(("--histogram",), "FILE.png", "picture of the histogram", _write_histogram, (".png",)),
+    HEAT_MAP,
+    Output(("--page",), "FILE.html", "inspection report with pictures, in one file", _write_page, (".html",)),
+)
+"""What `distance` writes."""
+
+
+def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Sequence[Output] = OUTPUTS) -> None:
     """Write the files that were asked for, each complete or not at all."""
-    for output in OUTPUTS:
+    for output in outputs:
         path = getattr(options, output.name)
         if path is not None:
             if not output.one_each or len(made) == 1:

@@ -14,6 +14,7 @@ OPERATORS = (
     "compare",
     "compare_methods",
     "copy_statistics",
+    "distance",
     "domains_to_uv",
     "finish",
     "inspect_patch",
@@ -23,10 +24,15 @@ OPERATORS = (
     "separate_patches",
     "show_heat_map",
     "show_patches",
+    "show_source",
+    "use_as_source",
 )
 """The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
 
-WATCHERS = ("run.session", "run.preloading", "preview.object", "heat_map.shown", "heat_map.following")
+WATCHERS = (
+    "data.origins", "run.session", "run.watch", "run.preloading", "preview.object", "heat_map.shown",
+    "heat_map.following",
+)  # fmt: skip
 """Modules with handlers for what happens in Blender."""
 
 

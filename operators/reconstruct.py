@@ -62,4 +62,4 @@ class SPARSE_SURFACE_OT_reconstruct(SolverOperator, Operator):
                 create_base(context, source, *result.made_base, replace=replace)
             return surface
 
-        return self.make_each(make, context, done, refusals)
+        return self.make_each(make, context, done, refusals, [wanted.base] if wanted.base is not None else [])

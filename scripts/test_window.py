@@ -112,7 +112,7 @@ def event_options(script: Path) -> list[str]:
     With it Blender's main loop never sleeps: one core is busy however idle the window is.  So what measures time or
     load does without.
     """
-    presses = re.search(r"driver\.press\(|event_simulate\(", script.read_text(encoding="utf-8"))
+    presses = re.search(r"driver\.(press|click)\(|event_simulate\(", script.read_text(encoding="utf-8"))
     return ["--enable-event-simulate"] if presses else []
 
 

@@ -1,4 +1,4 @@
-"""An approximation or a reconstruction in a process of its own, for owners that must stay responsive.
+"""An approximation, a reconstruction or a measurement in a process of its own, for owners that must stay responsive.
 
 A thread of the `WorkerExecutor` talks to the child and makes the objects, so that the owner's own thread only takes
 what is there.  Nothing is written to a disk.
@@ -10,16 +10,23 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .approximation.result import Approximation
+from .distance.settings import DistanceSettings, SurfacePair
 from .errors import SparseSurfaceError
 from .interchange import CloudArrays, CloudOutcome, MeshArrays, StoredRepresentation
 from .processes.pool import WorkerExecutor
 from .progress import Progress, Steps
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from .distance.distance import Distances
+
+Task = MeshArrays | CloudArrays | SurfacePair
+"""What to work on."""
 
 # What solves is imported where it is called: an owner in whose process it does not run need not load SciPy.
 
@@ -37,8 +44,12 @@ def approximate_arrays(arrays: MeshArrays, settings: Settings) -> Steps[Approxim
     )
 
 
-def solve_arrays(arrays: MeshArrays | CloudArrays, settings: Settings) -> Steps[Approximation | CloudOutcome]:
-    """Approximate a mesh, or reconstruct a surface from points."""
+def solve_arrays(arrays: Task, settings: Any) -> Steps[Any]:
+    """Approximate a mesh, reconstruct a surface from points, or measure distances."""
+    if isinstance(arrays, SurfacePair):
+        from .distance.distance import distance_of_pair
+
+        return (yield from distance_of_pair(arrays, settings))
     if isinstance(arrays, MeshArrays):
         return (yield from approximate_arrays(arrays, settings))
     from .reconstruction.evaluated import reconstruct_arrays
@@ -46,15 +57,17 @@ def solve_arrays(arrays: MeshArrays | CloudArrays, settings: Settings) -> Steps[
     return (yield from reconstruct_arrays(arrays, settings))
 
 
-def solve_and_store(arrays: MeshArrays | CloudArrays, settings: Settings) -> Steps[Approximation | CloudOutcome]:
-    """Do `solve_arrays`, with a result that travels to another process as the content of a file."""
+def solve_and_store(arrays: Task, settings: Any) -> Steps[Any]:
+    """Do `solve_arrays`; a surface's representation travels to another process as the content of a file."""
     result = yield from solve_arrays(arrays, settings)
+    if isinstance(arrays, SurfacePair):
+        return result
     stored: Any = StoredRepresentation(result.representation.stored)
     return replace(result, representation=stored)
 
 
 class Job:
-    """One approximation in a child process, as its owner sees it.
+    """One such task in a child process, as its owner sees it.
 
     Parameters
     ----------
@@ -74,11 +87,11 @@ class Job:
     """
 
     def __init__(self, python: Sequence[str] = ()) -> None:
-        self.outcome: Approximation | CloudOutcome | None = None
+        self.outcome: Approximation | CloudOutcome | Distances | None = None
         self.failure = ""
         self._python = python
         self._executor: WorkerExecutor | None = None
-        self._future: Future[Approximation | CloudOutcome] = Future()
+        self._future: Future[Approximation | CloudOutcome | Distances] = Future()
         self._newest = _Newest()
 
     @property
@@ -86,7 +99,7 @@ class Job:
         """Whether the work goes on: started, and neither an outcome nor a failure known."""
         return self._executor is not None and self.outcome is None and not self.failure
 
-    def start(self, arrays: MeshArrays | CloudArrays, settings: Settings, *, previews: bool = False) -> None:
+    def start(self, arrays: Task, settings: Settings | DistanceSettings, *, previews: bool = False) -> None:
         """Start the child; with `previews` it sends the surface as it stands.
 
         The arrays are not copied: they must not change before the first progress.

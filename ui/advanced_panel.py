@@ -89,7 +89,7 @@ class SPARSE_SURFACE_PT_output(UnderAdvanced, Panel):
             column.prop(settings, "vertex_group")
         column.separator()
         column.prop(settings, "replace_result")
-        column.prop(settings, "hide_original")
+        column.prop(settings, "source_shown")
         column.prop(settings, "show_preview")
         kind = column.row()
         kind.active = settings.show_preview

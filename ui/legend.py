@@ -12,7 +12,7 @@ from bpy.types import Context, Object, SpaceView3D
 from gpu_extras.batch import batch_for_shader
 
 from ..operators.data.lengths import unit_for
-from ..operators.data.result_keys import ERROR_COLOUR, MADE_FROM, PATCH_COLOUR, REPORT, SCALE, has_heat_map
+from ..operators.data.result_keys import DISTANCES, ERROR_COLOUR, MADE_FROM, PATCH_COLOUR, REPORT, SCALE, has_heat_map
 from ..operators.heat_map.shown import anywhere_shown, shows_colours
 
 BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
@@ -78,7 +78,7 @@ def build_legend(
     length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line - NAVIGATION_HEIGHT * scale), 2 * line)
     heading = Text(start, margin + length + line * 0.7, title)
     if tolerance > 0.0:
-        return _two_bands(start, margin, width, gap, length, tolerance, heading)
+        return _bands(start, margin, width, gap, length, tolerance, heading, signed=low < 0.0)
     count = 64
     bands = tuple(
         Band(start, margin + length * k / count, start + width, margin + length * (k + 1) / count, (k + 0.5) / count)
@@ -113,21 +113,19 @@ def surrounding_box(legend: Legend, scale: float = 1.0) -> tuple[float, float, f
     return start - pad, bottom - pad, start + BLOCK_WIDTH * scale + pad, top + pad
 
 
-def _two_bands(
-    start: float, margin: float, width: float, gap: float, length: float, tolerance: float, title: Text
+def _bands(
+    start: float, margin: float, width: float, gap: float, length: float, tolerance: float, title: Text, *, signed: bool
 ) -> Legend:
-    middle = margin + length / 2
-    bands = (
-        Band(start, margin, start + width, middle, 0.0),
-        Band(start, middle, start + width, margin + length, 1.0),
-    )
+    """Lay out bands of equal height: inside and outside of the tolerance, or below, within and above it."""
+    names = (iface_("below"), iface_("within"), iface_("above")) if signed else (iface_("inside"), iface_("outside"))
+    borders = (-tolerance, tolerance) if signed else (tolerance,)
+    count = len(names)
+    edges = [margin + length * k / count for k in range(count + 1)]
+    bands = tuple(Band(start, edges[k], start + width, edges[k + 1], (k + 0.5) / count) for k in range(count))
     x = start + width + gap
-    words = (
-        Text(x, margin + length * 0.25, iface_("inside")),
-        Text(x, middle, f"{tolerance:.4g}"),
-        Text(x, margin + length * 0.75, iface_("outside")),
-    )
-    return Legend(bands, (middle,), (title, *words))
+    words = [Text(x, (edges[k] + edges[k + 1]) / 2, name) for k, name in enumerate(names)]
+    words += [Text(x, edge, f"{value:.4g}") for edge, value in zip(edges[1:-1], borders, strict=True)]
+    return Legend(bands, tuple(edges[1:-1]), (title, *words))
 
 
 def tick_values(low: float, high: float, count: int) -> list[float]:
@@ -147,8 +145,12 @@ def title_of(coloured: Object, unit: str) -> str:
     if coloured[SCALE][0] < 0.0:
         what = iface_("Signed distance")
     else:
-        what = iface_("Error") if REPORT in coloured or MADE_FROM in coloured else iface_("Distance")
+        what = iface_("Distance") if DISTANCES in coloured or not _is_made(coloured) else iface_("Error")
     return f"{what} [{unit}]" if unit else what
+
+
+def _is_made(coloured: Object) -> bool:
+    return REPORT in coloured or MADE_FROM in coloured
 
 
 def explained(context: Context) -> Object | None:
@@ -183,7 +185,7 @@ def draw() -> None:
         legend = build_legend(*values, title, context.region.height, right=right, scale=interface)
     _draw_box(surrounding_box(legend, interface))
     if legend.bands:
-        _draw_bands(legend, tolerance > 0.0)
+        _draw_bands(legend, low, high, tolerance)
     _draw_words(legend, interface)
 
 
@@ -205,15 +207,16 @@ def _draw_box(box: tuple[float, float, float, float]) -> None:
     gpu.state.blend_set("NONE")
 
 
-def _draw_bands(legend: Legend, two_colours: bool) -> None:
-    from ..operators.data.colours import INSIDE, OUTSIDE, STEPS, linear_to_srgb, ramp
+def _draw_bands(legend: Legend, low: float, high: float, tolerance: float) -> None:
+    from ..operators.data.colours import STEPS, ColourScale, linear_to_srgb, ramp
 
     positions: list[tuple[float, float]] = []
     colours: list[tuple[float, ...]] = []
     indices: list[tuple[int, int, int]] = []
-    srgb = linear_to_srgb(ramp())
+    scale = ColourScale(low, high, tolerance)
+    srgb = scale.bands if tolerance > 0.0 else linear_to_srgb(ramp(scale.signed))
     for band in legend.bands:
-        colour = (OUTSIDE if band.share > 0.5 else INSIDE) if two_colours else srgb[int(band.share * (STEPS - 1))]
+        colour = srgb[int(band.share * (len(srgb) if tolerance > 0.0 else STEPS - 1))]
         first = len(positions)
         positions += [
             (band.left, band.bottom), (band.right, band.bottom), (band.right, band.top), (band.left, band.top)

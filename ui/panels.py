@@ -8,7 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, PropertyGroup, UILayout
 
-from ..operators.data.objects import selected_meshes
+from ..operators.data.objects import current_name, selected_meshes
 from ..operators.data.presets import matching_preset, preset_title
 from ..operators.heat_map.shown import shows_heat_map
 from ..operators.run import preloading
@@ -17,9 +17,10 @@ from ..operators.run.estimate import LARGE_MESH, coarse_meshes, estimate_meshes,
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
+from ..operators.run.way_on import draw_way_on
 from .jobs import ITEMS
 from .optional import draw_optional
-from .sidebar import SidebarPanel, draw_lines, has_operator
+from .sidebar import SidebarPanel, draw_lines
 
 
 class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
@@ -82,8 +83,7 @@ def draw_measure(layout: UILayout, context: Context, settings: PropertyGroup) ->
     draw_heat_map_button(layout, context)
     draw_display(layout, settings)
     layout.separator()
-    if has_operator("distance"):
-        layout.operator("sparse_surface.distance", icon="DRIVER_DISTANCE")
+    layout.operator("sparse_surface.distance", icon="DRIVER_DISTANCE")
     layout.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
 
 
@@ -111,6 +111,7 @@ def draw_solve(layout: UILayout, context: Context, one: str, several: str, icon:
     chosen = selected_meshes(context)
     text = iface_(one) if len(chosen) < 2 else iface_(several).format(len(chosen))
     big_button(layout).operator("sparse_surface.approximate", text=text, icon=icon, translate=False)
+    draw_way_on(layout, context)
 
 
 def big_button(layout: UILayout) -> UILayout:
@@ -153,7 +154,7 @@ def draw_progress(layout: UILayout, run: Run) -> None:
     """
     column = layout.column()
     source, progress = run.current_source, run.progress
-    column.label(text=source.name if source is not None else "", icon="OUTLINER_OB_MESH", translate=False)
+    column.label(text=current_name(source) if source is not None else "", icon="OUTLINER_OB_MESH", translate=False)
     fraction = progress.fraction if progress is not None else 0.0
     column.progress(factor=fraction, text=f"{fraction:.0%}")
     column.label(text=progress.stage if progress is not None else "Starting the solver")

@@ -49,9 +49,14 @@ _VIRIDIS = bytes.fromhex(
 )
 STEPS = 256
 
+# RdBu of ColorBrewer (C. Brewer and M. Harrower, 2003), from blue to red, safe for colour-blind readers; sRGB.
+_BLUE_TO_RED = bytes.fromhex("053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f")
+
 # Blue and vermilion differ with every kind of colour blindness (M. Okabe and K. Ito, 2008); sRGB.
 INSIDE = (0.0, 0.447, 0.698)
 OUTSIDE = (0.835, 0.369, 0.0)
+# Green, between them, marks what lies within a tolerance on both sides.
+WITHIN = (0.0, 0.620, 0.451)
 
 
 @dataclass(frozen=True)
@@ -61,30 +66,49 @@ class ColourScale:
     Attributes
     ----------
     low, high
-        Values at the ends of the map; values beyond take the end's colour.
+        Values at the ends of the map; values beyond take the end's colour.  With a negative `low` values have signs,
+        and the map runs from blue over white to red.
     tolerance
-        Where positive, there are two colours only: `INSIDE` up to it and `OUTSIDE` above.
+        Where positive, there are two colours only, `INSIDE` up to it and `OUTSIDE` above; for values with signs three,
+        `INSIDE` below, `WITHIN` and `OUTSIDE` above.
     """
 
     low: float
     high: float
     tolerance: float = 0.0
 
+    @property
+    def signed(self) -> bool:
+        """Whether values have signs."""
+        return self.low < 0.0
+
+    @property
+    def bands(self) -> tuple[tuple[float, float, float], ...]:
+        """The colours in sRGB, from small values to large, where there is a tolerance."""
+        return (INSIDE, WITHIN, OUTSIDE) if self.signed else (INSIDE, OUTSIDE)
+
     def colours(self, values: NDArray[np.floating]) -> Colours:
         """Return linear RGBA (n, 4) of the values (n,)."""
         rgba = np.ones((len(values), 4), dtype=np.float32)
         if self.tolerance > 0.0:
-            two = srgb_to_linear(np.array([INSIDE, OUTSIDE]))
-            rgba[:, :3] = two[(values > self.tolerance).astype(np.intp)]
+            band = (values > self.tolerance).astype(np.intp)
+            if self.signed:
+                band += values >= -self.tolerance
+            rgba[:, :3] = srgb_to_linear(np.array(self.bands))[band]
         else:
             share = (np.asarray(values, dtype=np.float64) - self.low) / max(self.high - self.low, 1e-300)
-            rgba[:, :3] = ramp()[np.rint(np.clip(share, 0.0, 1.0) * (STEPS - 1)).astype(np.intp)]
+            rgba[:, :3] = ramp(self.signed)[np.rint(np.clip(share, 0.0, 1.0) * (STEPS - 1)).astype(np.intp)]
         return rgba
 
 
 @cache
-def ramp() -> Colours:
+def ramp(signed: bool = False) -> Colours:
     """Return the map as linear RGB, (STEPS, 3), from small values to large."""
+    if signed:
+        knots = np.frombuffer(_BLUE_TO_RED, dtype=np.uint8).reshape(-1, 3) / 255.0
+        at = np.linspace(0.0, len(knots) - 1.0, STEPS)
+        mixed = [np.interp(at, np.arange(len(knots)), knots[:, channel]) for channel in range(3)]
+        return srgb_to_linear(np.stack(mixed, axis=1)).astype(np.float32)
     srgb = np.frombuffer(_VIRIDIS, dtype=">u2").reshape(STEPS, 3) / 65535.0
     return srgb_to_linear(srgb).astype(np.float32)
 

@@ -46,6 +46,9 @@ INSPECTED = "sparse_surface_inspected"
 INSPECTION = "Sparse Surface Inspection"
 """Collection of what Inspect Patch lays out."""
 
+DISTANCES = "sparse_surface_distance"
+"""Custom property of an object whose distances from another were measured: the report as JSON."""
+
 NAME_BYTES = 63
 """Blender cuts the names of data-blocks here."""
 

@@ -11,7 +11,7 @@ from bpy.types import Object, Scene
 from numpy.typing import NDArray
 
 from ..data.attributes import put
-from ..data.colours import INSIDE, OUTSIDE, ColourScale, ramp, srgb_to_linear
+from ..data.colours import ColourScale, ramp, srgb_to_linear
 from .scene import View, add_object, dull_material
 
 LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y = 6.4, 0.2, -3.75
@@ -59,12 +59,16 @@ def add_legend(letter: Lettering, scale: ColourScale) -> None:
     """Draw the colour scale with its values in scene units."""
     below = LEGEND_Y - LEGEND_THICKNESS / 2 - 0.3
     if scale.tolerance > 0.0:
-        letter.strip(srgb_to_linear(np.array([INSIDE, OUTSIDE])), LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y)
-        ticks = [(-0.25, f"within {scale.tolerance:.3g}"), (0.25, "above")]
+        letter.strip(srgb_to_linear(np.array(scale.bands)), LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y)
+        within = f"within {scale.tolerance:.3g}"
+        ticks = (
+            [(-1 / 3, "below"), (0.0, within), (1 / 3, "above")] if scale.signed else [(-0.25, within), (0.25, "above")]
+        )
     else:
-        letter.strip(ramp(), LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y)
+        letter.strip(ramp(scale.signed), LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y)
         values = np.linspace(scale.low, scale.high, 3)
         ticks = [(share, f"{value:.3g}") for share, value in zip((-0.5, 0.0, 0.5), values, strict=True)]
     for share, text in ticks:
         letter.write(text, share * LEGEND_LENGTH, below, 0.24)
-    letter.write("error at the vertices, in scene units", 0.0, LEGEND_Y + 0.2, 0.24)
+    what = "distance" if scale.signed else "error"
+    letter.write(f"{what} at the vertices, in scene units", 0.0, LEGEND_Y + 0.2, 0.24)

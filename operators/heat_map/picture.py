@@ -44,6 +44,7 @@ def render_heatmap(
     width: int = 1200,
     title: str = "",
     caption: str = "Sparse Surface",
+    view: View | None = None,
 ) -> None:
     """Render a result's heat map to a PNG file, 16 by 9.
 
@@ -63,6 +64,8 @@ def render_heatmap(
         Caption of the source; its name where empty.
     caption
         Caption of the result.
+    view
+        From where; from the front right and above where None.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def render_heatmap(
     if not has_heat_map(result):
         raise InputError(f"'{result.name}' has no heat map to show.")
     with temporary_scene() as scene:
-        view = View.three_quarter()
+        view = view or View.three_quarter()
         set_up_rendering(scene, view, width)
         add_light(scene, view)
         shown = [(result, dull_material("Heat map", CLAY, attribute=ERROR_COLOUR, shine=SHINE))]

@@ -16,15 +16,16 @@ from .shown import anywhere_shown
 
 
 def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
-    """Return the scale that the scene's display settings ask for on these errors."""
+    """Return the scale that the scene's display settings ask for; it is even around zero if errors have signs."""
+    signed = bool((errors < 0.0).any())
+    errors = np.abs(errors)
     display = scene.sparse_surface.display
     if display.range_mode == "FIXED":
         high = display.range_maximum
     elif display.range_mode == "PERCENTILE":
         high = float(np.percentile(errors, display.range_percentile)) if len(errors) else 0.0
     else:
-        high = float(np.abs(errors).max(initial=0.0))
-    signed = bool(len(errors)) and float(errors.min()) < 0.0
+        high = float(errors.max(initial=0.0))
     return ColourScale(-high if signed else 0.0, high, shown_tolerance(scene))
 
 

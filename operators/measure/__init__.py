@@ -1,0 +1,1 @@
+"""What measuring distances reads, shows and writes."""
