@@ -107,12 +107,19 @@ def create_point_errors(
     return made
 
 
-def create_base(context: Context, source: CloudSource, *, replace: bool = False) -> Object:
-    """Make an object of the base that was made from the points."""
+def create_base(
+    context: Context,
+    source: CloudSource,
+    vertices: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    *,
+    replace: bool = False,
+) -> Object:
+    """Make an object of the base that was made from the points: positions (V, 3) and triangles (T, 3)."""
     points = _points_object(source)
     name = cut_name(points.name, " Base")
-    arrays = source.arrays
-    mesh = create_mesh(name, source.lengths.to_local(arrays.base_vertices), arrays.corners, arrays.sizes)
+    sizes = np.full(len(triangles), 3, dtype=np.int32)
+    mesh = create_mesh(name, source.lengths.to_local(vertices), triangles.ravel(), sizes)
     made = _beside_points(context, points, name, mesh, BASE, replace)
     made.display_type = "WIRE"
     made.hide_render = True

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
-from ..native.chunks import reason_for_numpy
+from ..native.library import reason_for_numpy
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
 from ..version import VERSION

@@ -20,7 +20,7 @@ from sparse_surface.solver.approximation.approximate import approximate_steps
 from sparse_surface.solver.fitting import chunks as patch_fit
 from sparse_surface.solver.settings import PRESETS
 
-HERE = Settings(workers=1, iterations=2, sweeps=1, degree=8)
+HERE = Settings(solver="numpy", workers=1, iterations=2, sweeps=1, degree=8)
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
 
 
