@@ -191,10 +191,9 @@ class Settings(_Checked):
     )
     pin_boundary: bool = switch(False, "Keep the vertices of open borders where they are")
     solver: str = choice(
-        AUTOMATIC,
+        "native",
         "What fits the patches",
-        auto="The compiled kernel where it can, NumPy otherwise; the report says why",
-        native="The compiled kernel, several times as fast. Refused where it cannot be used",
+        native="The compiled kernel, several times as fast. NumPy where it cannot be used; the report says why",
         numpy="NumPy, the reference",
     )
     workers: int = number(

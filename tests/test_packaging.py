@@ -295,3 +295,42 @@ def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path)
     # With a C compiler the wheel holds the kernel of this platform, and says so.
     assert len(kernel) == (script("build_native").compiler_of_this_machine() is not None)
     assert wheel.name.endswith("-py3-none-any.whl") == (not kernel)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads ELF files")
+def test_the_kernel_is_small_and_needs_only_the_c_library() -> None:
+    native = script("build_native")
+    readelf, library = shutil.which("readelf"), native.build_here()
+    if readelf is None or library is None:
+        pytest.skip("there is no compiler or no readelf")
+    assert library.stat().st_size <= 512 * 1024
+    command = [readelf, "--wide", "--dynamic", "--dyn-syms", str(library)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert set(re.findall(r"NEEDED.*\[(\w+)", said)) <= {"libc", "libm"}
+    own = set(re.findall(r"GLOBAL\s+DEFAULT\s+\d+ (\w+)", said))
+    assert {"instruction_set", "fit_problems_baseline"} <= own
+
+
+def test_without_a_compiler_the_kernel_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    native = script("build_native")
+    monkeypatch.setattr(native, "library_here", lambda: tmp_path / "libkernel.so")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert native.main([]) == 0
+    assert "NumPy fits the patches" in capsys.readouterr().out
+    assert native.main(["--if-needed"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_a_failing_compiler_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    native = script("build_native")
+    compiler = tmp_path / "cc"
+    compiler.write_text("#!/bin/sh\necho no such machine >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setattr(native, "library_here", lambda: tmp_path / "built" / "libkernel.so")
+    monkeypatch.setenv("CC", str(compiler))
+    with pytest.raises(native.NativeBuildError, match="no such machine"):
+        native.build_here()
+    assert not (tmp_path / "built" / "libkernel.so").exists()

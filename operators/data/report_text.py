@@ -6,13 +6,17 @@ from typing import Any
 
 Report = dict[str, Any]
 
+FAR_FROM_POINTS = 5.0
+"""A surface farther than this from the points, in their spacings, is worth a warning."""
+
 
 def one_line(name: str, report: Report) -> str:
     """Return one line about the result of a mesh or a point cloud: size, quality, time."""
     given = report["input"]
     size = f"{given['points']} points over {given['vertices']} vertices" if "points" in given else None
     size = size or f"{given['vertices']} vertices"
-    return f"{name}: {size}, {quality(report)}, {report['seconds']['total']:.1f} s"
+    said = "; ".join([quality(report), *warnings(report)])
+    return f"{name}: {size}, {said}; {report['seconds']['total']:.1f} s"
 
 
 def quality(report: Report) -> str:
@@ -28,8 +32,43 @@ def quality(report: Report) -> str:
 
 def _surface_error(report: Report, measured: Report) -> str:
     error, size = measured["surface_error"], report["input"]["bounding_box_longest_side"]
-    rms, largest = error["rms"], error["max"]
-    return f"surface error rms {rms:.3g} ({_share(rms, size)} of the size), max {largest:.3g} ({_share(largest, size)})"
+    rms, largest, at_vertices = error["rms"], error["max"], measured["vertex_error"]["max"]
+    return (
+        f"surface error rms {rms:.3g} ({_share(rms, size)} of the size), max {largest:.3g} ({_share(largest, size)}), "
+        f"at vertices max {at_vertices:.3g}"
+    )
+
+
+def warnings(report: Report) -> list[str]:
+    """Say what the errors do not show: what was copied, what turned over, where nothing is known."""
+    said = [_copied(report), _turned(report), _doubled(report), _far_from_points(report)]
+    return [sentence for sentence in said if sentence]
+
+
+def _copied(report: Report) -> str:
+    copied, vertices = report["passed_through_vertices"], report["input"]["vertices"]
+    if copied == vertices and "denoise" not in report:
+        within = f" within {report['tolerance']['requested']:.3g}" if "tolerance" in report else ""
+        return f"nothing could be approximated{within}: all {vertices} vertices are the input's"
+    reproduced = report["vertices_reproduced"]
+    return f"{reproduced} of {vertices} vertices copied from the input" if reproduced else ""
+
+
+def _turned(report: Report) -> str:
+    turned = report["faces_turned"]
+    return f"{turned} of {report['input']['faces']} faces turned over" if turned else ""
+
+
+def _doubled(report: Report) -> str:
+    doubled = report["input"].get("coincident_vertices", 0)
+    return f"{doubled} vertices coincide with others and leave seams open: merge them first" if doubled else ""
+
+
+def _far_from_points(report: Report) -> str:
+    away = report.get("surface_to_points")
+    if away is None or away["max_spacings"] <= FAR_FROM_POINTS:
+        return ""
+    return f"the surface is up to {away['max']:.3g} ({away['max_spacings']:.0f} spacings) from the nearest point"
 
 
 def _share(length: float, size: float) -> str:
@@ -60,11 +99,27 @@ def rows(report: Report) -> list[tuple[str, Any]]:
         ("Patches", report["patches"]),
         *_noise_rows(report),
         *errors,
+        *_guaranteed_rows(report),
+        *_distance_rows(report),
         ("Normal error, degrees", report["normal_error_degrees"]),
+        ("Vertices copied", report["vertices_reproduced"]),
+        ("Faces turned over", report["faces_turned"]),
         ("Flipped triangles", report["flipped_triangles"]),
         ("Largest seam", report["seam_max"]),
         ("Seconds", report["seconds"]["total"]),
     ]
+
+
+def _guaranteed_rows(report: Report) -> list[tuple[str, Any]]:
+    bound = report["surface_error"].get("bound")
+    return [] if bound is None else [("Surface error, guaranteed", bound)]
+
+
+def _distance_rows(report: Report) -> list[tuple[str, Any]]:
+    if "points_to_surface" not in report:
+        return []
+    ways = (("Points to surface", "points_to_surface"), ("Surface to points", "surface_to_points"))
+    return [(f"{words}, {measure}", report[key][measure]) for words, key in ways for measure in ("rms", "max")]
 
 
 def _noise_rows(report: Report) -> list[tuple[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,11 @@ from ..patches.patches import Patches
 from ..patches.splitting import with_domains
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import Settings
+from ..surface.bounds import error_bounds
 from ..surface.creases import crease_edges
-from ..surface.metrics import domain_jacobians, domain_stretch, flipped_triangles, strongest_patch
+from ..surface.metrics import domain_jacobians, domain_stretch, faces_turned, flipped_triangles, strongest_patch
 from ..surface.representation import Representation
+from .containment import kept_inside
 from .denoised import MeshInput, remove_noise
 from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
@@ -137,12 +139,16 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     if settings.tolerance and settings.blending == "partition":
         with watch.stage("refine"):
             kept = yield from within(keep_tolerance(surface), SWEEPS_END, 0.97)
+    yield Progress("Bounding the error", 0.97)
+    with watch.stage("measure"):
+        contained, bounds = kept_inside(surface) if inside else (0, error_bounds(surface.representation()))
     representation = surface.representation()
-    yield Progress("Blending", 0.97)
+    yield Progress("Blending", 0.98)
     with watch.stage("blend"):
         points = representation.at_vertices()
-    yield Progress("Measuring", 0.98, surface=points.copy)
-    return _result(given, surface, points.astype(stored), representation, iterations, kept, watch)
+    yield Progress("Measuring", 0.985, surface=points.copy)
+    found = Fitted(representation, points.astype(stored), bounds, iterations, kept, contained)
+    return _result(given, surface, found, watch)
 
 
 def _held_vertices(
@@ -185,24 +191,43 @@ def _swept(surface: MeshSurface) -> Steps[None]:
             return
 
 
-def _result(
-    given: MeshInput,
-    surface: MeshSurface,
-    points: NDArray[Any],
-    representation: Representation,
-    iterations: dict[str, list[float]],
-    kept: ToleranceKept | None,
-    watch: Stopwatch,
-) -> Approximation:
-    """Measure a finished surface, with its `points` at the vertices (V, 3), against the input."""
-    mesh = surface.mesh
+@dataclass(frozen=True)
+class Fitted:
+    """A surface that is finished but for its measures.
+
+    Attributes
+    ----------
+    representation, points
+        The surface, and its points at the vertices, (V, 3).
+    bounds
+        Of its largest error against what was fitted (see `error_bounds`).
+    iterations
+        What `measured_iterations` says.
+    kept, contained
+        What a tolerance took, None without one, and how many vertices were let through to stay inside the input's box.
+    """
+
+    representation: Representation
+    points: NDArray[Any]
+    bounds: tuple[float, float]
+    iterations: dict[str, list[float]]
+    kept: ToleranceKept | None
+    contained: int
+
+
+def _result(given: MeshInput, surface: MeshSurface, found: Fitted, watch: Stopwatch) -> Approximation:
+    """Measure a finished surface against the input."""
+    mesh, representation, points, kept = surface.mesh, found.representation, found.points, found.kept
     with watch.stage("measure"):
         jacobians, area = domain_jacobians(representation)
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
-        deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices)
+        deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices, found.bounds)
         if given.source is not None:
-            deviation = Deviation.from_mesh(representation, points, given.source)
-    error, achieved = deviation.at_points, max(fitted.at_points.max(initial=0.0), fitted.between.max(initial=0.0))
+            away = error_bounds(representation, given.source)
+            deviation = Deviation.from_mesh(representation, points, given.source, away)
+        before = mesh.vertices if given.source is None else given.source
+        turned = faces_turned(before, points.astype(np.float64), mesh.face_offsets, mesh.face_corners)
+    error = deviation.at_points
     report = measure(
         surface,
         representation,
@@ -210,8 +235,11 @@ def _result(
         watch,
         flipped_triangles=flipped_triangles(jacobians, area),
         passed_through_vertices=_passed_through(representation, error, given),
-        iterations=iterations,
-        tolerance=None if kept is None else kept.as_dict(float(achieved)),
+        vertices_reproduced=found.contained + (0 if kept is None else kept.vertices_reproduced),
+        faces_turned=turned,
+        iterations=found.iterations,
+        counts={"coincident_vertices": mesh.coincident_vertices},
+        tolerance=None if kept is None else kept.as_dict(fitted.achieved),
         denoise=given.denoising(fitted),
     )
     return Approximation(

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
-from ..native.chunks import reason_for_numpy
+from ..native.library import reason_for_numpy
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
 from ..version import VERSION
@@ -30,27 +30,45 @@ class Deviation:
         Distances whose statistics are `Report.vertex_error` and `Report.surface_error`, of any shape.
     normal_error, size
         Mean angle between normals in degrees, and longest side of the input's bounding box.
+    bounds
+        What the largest distance between the points reaches at least, and what it exceeds nowhere; None where unknown.
     """
 
     at_points: Array
     between: Array
     normal_error: float
     size: float
+    bounds: tuple[float, float] | None = None
 
     @classmethod
-    def from_mesh(cls, representation: Representation, points: NDArray[Any], vertices: Array) -> Deviation:
-        """Compare the surface, and its `points` at the vertices (V, 3), with the flat mesh between `vertices`."""
+    def from_mesh(
+        cls, representation: Representation, points: NDArray[Any], vertices: Array, bounds: tuple[float, float]
+    ) -> Deviation:
+        """Compare the surface, and its `points` at the vertices (V, 3), with the flat mesh between `vertices`.
+
+        `bounds` are what `error_bounds` says of them.
+        """
         stored, triangles = points.astype(np.float64), representation.triangles
         return cls(
             np.linalg.norm(stored - vertices, axis=1),
             surface_error(representation, vertices=vertices),
             normal_error(vertices, stored, triangles),
             float(np.ptp(vertices[np.unique(triangles)], axis=0).max()),
+            bounds,
         )
+
+    @property
+    def achieved(self) -> float:
+        """What no distance exceeds: guaranteed where the bounds are known, else the largest that was found."""
+        found = max(float(distances.max(initial=0.0)) for distances in (self.at_points, self.between))
+        return found if self.bounds is None else max(found, self.bounds[1])
 
     def measures(self) -> dict[str, Any]:
         """Return the parts of a report that it decides."""
         at_points, between = statistics(self.at_points), statistics(self.between.ravel())
+        if self.bounds is not None:
+            between["max"] = max(between["max"], self.bounds[0])
+            between["bound"] = max(between["max"], self.bounds[1])
         return {
             "vertex_error": at_points,
             "surface_error": between,
@@ -87,9 +105,12 @@ def measure(
     *,
     flipped_triangles: int,
     passed_through_vertices: int,
+    vertices_reproduced: int,
+    faces_turned: int,
     iterations: dict[str, list[float]],
     counts: dict[str, Any] | None = None,
     cloud: dict[str, Any] | None = None,
+    cloud_distances: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
     denoise: dict[str, Any] | None = None,
 ) -> Report:
@@ -106,6 +127,8 @@ def measure(
         patches=representation.patches,
         flipped_triangles=flipped_triangles,
         passed_through_vertices=passed_through_vertices,
+        vertices_reproduced=vertices_reproduced,
+        faces_turned=faces_turned,
         **measures,
         seam_max=jump,
         representation_bytes=stored,
@@ -117,6 +140,7 @@ def measure(
         peak_memory_mb=surface.runner.peak_memory_mb(),
         workers=surface.runner.workers,
         denoise=denoise,
+        **(cloud_distances or {}),
     )
 
 

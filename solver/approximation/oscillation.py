@@ -2,19 +2,21 @@
 
 A polynomial may pass near every vertex and centroid and still swing out in between.  Such patches are rare, after the
 fit as after the sweeps.  Errors at points that were not observed reveal them; they are refitted by themselves with six
-observations in every triangle.
+observations in every triangle.  Triangles much larger than their neighbours leave a polynomial more room than that, so
+they are looked at closely.  What still swings out there is refitted with lower degrees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..arrays import Array, Booleans
-from ..mesh.sampling import SURFACE_SAMPLES
+from ..arrays import Array, Booleans, Indices
+from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
 from ..patches.observations import MeshObservations
-from .patched_surface import PatchedSurface
+from ..surface.representation import Representation
+from .patched_surface import Observed, PatchedSurface
 
 MeshSurface = PatchedSurface[MeshObservations]
 
@@ -25,14 +27,126 @@ OVERSHOOT = 2.0
 """A patch oscillates where its largest error in between exceeds the largest at its observations by this factor."""
 
 
-def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshObservations]]:
-    """Find patches that swing out between their observations, to be observed more densely (see `refit_oscillating`).
+UNEVEN = 4.0
+"""A triangle is uneven where its longest side in the initial domain exceeds the patch's median by this factor."""
 
-    Errors count with the patch's blending weight.
+CLOSE = triangle_grid(24)
+"""Where uneven triangles are looked at: a polynomial of degree 14 changes sign at most 14 times along a side."""
+
+NEGLIGIBLE = 1e-3
+"""Errors below this share of the longest side are no reason to lower a degree."""
+
+DEGREE_FACTOR = 0.6
+"""A lower degree is this share of the one before."""
+
+
+def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshObservations]]:
+    """Find patches that swing out between their observations (see `refit_oscillating`).
+
+    They are to be observed more densely, then to use lower degrees.  Errors count with the patch's blending weight.
     """
-    oscillating = errors_between(surface) > OVERSHOOT * _errors_observed(surface)
+    observed = _errors_observed(surface)
+    oscillating = errors_between(surface) > OVERSHOOT * observed
     if oscillating.any():
         yield oscillating, surface.observations.with_dense(oscillating)
+    allowed = np.maximum(OVERSHOOT * observed, NEGLIGIBLE * surface.mesh.longest_side)
+    uneven = UnevenTriangles.of(surface.representation())
+    if not uneven.patches.any():
+        return
+
+    def error(which: Indices) -> Array:
+        return np.array([uneven.largest_error(surface, int(patch)) for patch in which])
+
+    def observe(patches: Booleans, degrees: Indices) -> MeshObservations:
+        return surface.observations.with_dense(patches).with_degrees(degrees)
+
+    yield from with_lower_degrees(surface, error, allowed, observe, uneven.patches, lowest=1)
+
+
+def with_lower_degrees(
+    surface: PatchedSurface[Observed],
+    error: Callable[[Indices], Array],
+    allowed: Array | float,
+    observe: Callable[[Booleans, Indices], Observed],
+    asked: Booleans | None = None,
+    *,
+    lowest: int,
+    rounds: int = 10,
+) -> Iterator[tuple[Booleans, Observed]]:
+    """Have patches refitted with lower and lower degrees until their error is allowed (see `refit_oscillating`).
+
+    Of all its fits each patch keeps the one with the smallest error.
+
+    Parameters
+    ----------
+    error
+        Errors of some patches, (n,).
+    allowed
+        Largest error of each patch that is no reason to refit it, (K,) or the same for all.
+    observe
+        Makes observations from the patches that are to be refitted, (K,), and the degrees of all, (K,).
+    asked
+        Patches that are looked at, (K,); all where None.
+    lowest
+        Lowest degree that is tried.
+    rounds
+        How often a patch is refitted at most.
+    """
+    which = np.arange(len(surface.patches)) if asked is None else np.flatnonzero(asked)
+    degrees = np.minimum(surface.observations.degrees, surface.settings.degree)
+    away = np.zeros(len(surface.patches))
+    away[which] = error(which)
+    best, best_degrees, nearest = surface.fits, degrees, away
+    for _ in range(rounds):
+        oscillating = (nearest > allowed) & (degrees > lowest)
+        if not oscillating.any():
+            break
+        degrees = np.where(oscillating, np.maximum((DEGREE_FACTOR * degrees).astype(np.int64), lowest), degrees)
+        yield oscillating, observe(oscillating, degrees)
+        away = away.copy()
+        away[oscillating] = error(np.flatnonzero(oscillating))
+        better = away < nearest
+        nearest, best_degrees = np.where(better, away, nearest), np.where(better, degrees, best_degrees)
+        best = [new if other else old for old, new, other in zip(best, surface.fits, better, strict=True)]
+    surface.restore(best, surface.observations.with_degrees(best_degrees))
+
+
+class UnevenTriangles:
+    """Triangles that take up much more of their patch's domain than most of its triangles.
+
+    Attributes
+    ----------
+    patches
+        Which patches have some, (K,).
+    mesh_triangles
+        Their numbers in the mesh, one for each patch that holds them, (n,).
+    """
+
+    def __init__(self, uneven: Booleans, representation: Representation) -> None:
+        """Take which of the patch triangles are uneven, (S,)."""
+        offsets = representation.triangle_offsets
+        self._uneven, self._offsets = uneven, offsets
+        self.mesh_triangles = representation.mesh_triangles[uneven]
+        self.patches = np.add.reduceat(uneven, offsets[:-1]) > 0 if len(offsets) > 1 else np.zeros(0, dtype=bool)
+
+    @classmethod
+    def of(cls, representation: Representation) -> UnevenTriangles:
+        """Compare the triangles' longest sides in the initial domains: optimised ones are stretched along creases."""
+        ends = representation.initial_domains[:, representation.corners]
+        sides = np.linalg.norm(ends - np.roll(ends, 1, axis=2), axis=3).max(axis=(0, 2))
+        offsets = representation.triangle_offsets
+        order = np.lexsort((sides, representation.patch_of_triangle))
+        middle = (offsets[:-1] + offsets[1:]) // 2
+        median = sides[order[middle]] if len(middle) else np.zeros(0)
+        seen = representation.corner_weights.max(axis=1, initial=0.0) > 0.0
+        return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)
+
+    def largest_error(self, surface: MeshSurface, patch: int) -> float:
+        """Largest error of a patch on its uneven triangles, scene units."""
+        own = np.flatnonzero(self._uneven[slice(*self._offsets[patch : patch + 2])])
+        samples, points = surface.observations.samples_of_patch(patch, own, CLOSE)
+        error = np.linalg.norm(surface.values_at(patch, samples) - points, axis=1) * samples.blending
+        return float(error.max(initial=0.0))
 
 
 def errors_between(surface: MeshSurface) -> Array:

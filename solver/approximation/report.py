@@ -24,9 +24,17 @@ class Report:
         Counts of the input, and the longest side of its bounding box.
     patches, flipped_triangles, passed_through_vertices
         Patches, their triangles whose orientation some domain turned, and vertices at which the surface is the input.
+    vertices_reproduced, faces_turned
+        Vertices copied from the input because no patch came close enough, and faces of the result whose normals are
+        more than 90 degrees from the input's.
     vertex_error, surface_error, relative
         Statistics of the distances at the input's vertices and between them; for a cloud, of the points from the places
-        at which they were observed and from the surface.  `relative` ones are shares of the longest side.
+        at which they were observed and from the surface.  `surface_error["bound"]` is guaranteed: the error exceeds it
+        nowhere (see `surface.bounds`); clouds have none.  `relative` ones are shares of the longest side.
+    points_to_surface, surface_to_points
+        Nearest distances between a cloud and its surface, rms and max, in scene units and in spacings; None for a mesh.
+    pieces, euler
+        Connected parts of a reconstructed surface and its Euler characteristic; None for a mesh.
     seam_max, normal_error_degrees
         Largest jump across a patch's rim, and mean angle between the normals of input and surface.
     energy, iterations
@@ -54,6 +62,8 @@ class Report:
     patches: int
     flipped_triangles: int
     passed_through_vertices: int
+    vertices_reproduced: int
+    faces_turned: int
     vertex_error: dict[str, float]
     surface_error: dict[str, float]
     relative: dict[str, float]
@@ -68,6 +78,10 @@ class Report:
     peak_memory_mb: float
     workers: int
     denoise: dict[str, Any] | None
+    points_to_surface: dict[str, float] | None = None
+    surface_to_points: dict[str, float] | None = None
+    pieces: int | None = None
+    euler: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as scripts and files have it: without what does not apply."""

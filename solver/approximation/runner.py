@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ..fitting.chunks import ChunkTask, PatchFit
-from ..native.chunks import fit_chunk, reason_for_numpy
+from ..native.chunks import fit_chunk
+from ..native.library import reason_for_numpy
 from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
 from ..settings import Settings
@@ -83,11 +84,6 @@ def chunk_runner(settings: Settings, vertices: int, executor: Executor | None = 
         Number of vertices of the mesh.
     executor
         The caller's own, which stays open; `workers` then says how many chunks it runs at once.
-
-    Raises
-    ------
-    SettingsError
-        When the settings ask for the compiled kernel and it cannot be used.
     """
     threads, workers = reason_for_numpy(settings) is None, settings.workers
     if executor is not None:

@@ -149,38 +149,24 @@ def problems_of(
 
 
 def fit_chunk(task: ChunkTask) -> list[PatchFit]:
-    """Fit the patches of a chunk on one thread; if memory runs out, half of them at a time.
+    """Fit the patches of a chunk on one thread.
+
+    A chunk is never cut when memory runs out: its composition decides how sums are rounded, and the same input must
+    give the same bytes.
 
     Raises
     ------
     MemoryError
-        If it does not suffice for a single patch, with a sentence that says so.
+        In one sentence that says what needs less.
     """
-    fits = _fit_together(task)
-    if fits is not None:
-        return fits
-    count = len(task.patches)
-    if count == 1:
-        size = len(task.problems[0].domain)
-        raise MemoryError(
-            f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
-        )
-    each, half = len(task.problems) // count, count // 2
-    return [
-        fit
-        for part in (slice(0, half), slice(half, count))
-        for fit in fit_chunk(
-            ChunkTask(task.patches[part], task.problems[each * part.start : each * part.stop], task.settings)
-        )
-    ]
-
-
-def _fit_together(task: ChunkTask) -> list[PatchFit] | None:
-    """Fit all patches of a chunk in one batch; None if memory runs out, with all of it released."""
     try:
         return _fit_batch(task)
     except MemoryError:
-        return None
+        size = max(len(problem.domain) for problem in task.problems)
+        raise MemoryError(
+            f"There is not enough memory for {len(task.patches)} patches of up to {size} vertices; "
+            "fewer workers, a smaller ring or a lower degree need less."
+        ) from None
 
 
 def _fit_batch(task: ChunkTask) -> list[PatchFit]:

@@ -22,6 +22,9 @@ from .input_checks import checked_faces, checked_triangulation, checked_vertices
 from .topology import join_sides, number_edges, split_into_fans, winding_of
 from .triangulation import triangulate
 
+COINCIDENT = 1e-6
+"""Share of the longest side within which two vertices are taken to be at one place."""
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
@@ -139,6 +142,14 @@ class TriangleMesh:
         return np.where(count[number] > 1, first[number], -1)
 
     @property
+    def coincident_vertices(self) -> int:
+        """Number of vertices on open borders at the place of another one, within `COINCIDENT` of the longest side."""
+        on_border = self.vertices[np.unique(self.node_vertex[self.border])]
+        cells = np.rint((on_border - self.vertices.min(axis=0)) / (COINCIDENT * self.longest_side or 1.0))
+        _, first = np.unique(cells, axis=0, return_index=True)
+        return len(on_border) - len(first)
+
+    @cached_property
     def longest_side(self) -> float:
         """Longest side of the bounding box of all vertices."""
         return float(np.ptp(self.vertices, axis=0).max())

@@ -10,45 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
-from ..errors import SettingsError
 from ..fitting import chunks as by_numpy
 from ..fitting.batch import Frame, Problem
 from ..fitting.chunks import ChunkTask, PatchFit
-from ..patch_methods import METHODS
 from ..settings import Settings
-from .library import NativeProblem, NativeSettings, function, reason_against
+from .library import NativeProblem, NativeSettings, function, reason_for_numpy
 
 DONE, OUT_OF_MEMORY = 0, 1
 """Of `Status` in kernel.h; anything else means that the arrays contradict each other."""
 
 FRAME_SIZE = 10
 """Numbers of a frame: centre, turn, origin, scale."""
-
-
-def reason_for_numpy(settings: Settings) -> str | None:
-    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does.
-
-    Raises
-    ------
-    SettingsError
-        When the settings ask for the kernel and it cannot be used.
-    """
-    if settings.solver == "numpy":
-        return "The settings ask for NumPy."
-    reason = _reason_against(settings)
-    if reason is not None and settings.solver == "native":
-        raise SettingsError(reason)
-    return reason
-
-
-def _reason_against(settings: Settings) -> str | None:
-    if not METHODS[settings.method].compiled:
-        return f"The compiled kernel does not solve the method {settings.method!r}."
-    if settings.pursuit == "sklearn":
-        return "The compiled kernel has pursuits of its own, not scikit-learn's."
-    if settings.automatic_sparsity:
-        return "The compiled kernel does not choose the sparsity by itself."
-    return reason_against()
 
 
 @dataclass(frozen=True)

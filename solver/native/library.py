@@ -13,6 +13,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from ..patch_methods import METHODS
+from ..settings import Settings
+
 EXTENSIONS = {"win32": "dll", "darwin": "dylib"}
 """Ends of the names of shared libraries; "so" elsewhere."""
 
@@ -62,6 +65,19 @@ def path() -> Path:
 def reason_against() -> str | None:
     """Why the compiled kernel cannot be used, as a sentence; None where it can."""
     return _loaded()[1]
+
+
+def reason_for_numpy(settings: Settings) -> str | None:
+    """Why NumPy fits the patches of a run with these resolved settings, as a sentence; None where the kernel does."""
+    if settings.solver == "numpy":
+        return "The settings ask for NumPy."
+    if not METHODS[settings.method].compiled:
+        return f"The compiled kernel does not solve the method {settings.method!r}."
+    if settings.pursuit == "sklearn":
+        return "The compiled kernel has pursuits of its own, not scikit-learn's."
+    if settings.automatic_sparsity:
+        return "The compiled kernel does not choose the sparsity by itself."
+    return reason_against()
 
 
 @lru_cache(maxsize=1)

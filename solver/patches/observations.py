@@ -7,7 +7,7 @@ points.  Everything that fits patches or makes them agree sees observations only
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +39,7 @@ def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
     checked = np.asarray(weights, dtype=np.float64)
     if checked.shape != (vertices,) or not ((checked >= 0.0) & (checked <= 1.0)).all():
         raise InputError("The weights must be one number from 0 to 1 for each vertex.")
-    return checked
+    return None if (checked == 1.0).all() else checked
 
 
 @dataclass(frozen=True)
@@ -92,15 +92,22 @@ class Observations(Protocol):
         The observed points, (O, 3), scene units.
     sizes
         Work that each patch means, as a number of observations, (K,).
+    degrees
+        Highest total degree that each patch may use, (K,).
     """
 
     patches: Patches
     vertices: Array
     points: Array
     sizes: Indices
+    degrees: Indices
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch."""
+        ...
+
+    def with_degrees(self, degrees: Indices) -> Self:
+        """Return the same observations with other degrees, (K,)."""
         ...
 
 
@@ -121,6 +128,7 @@ class MeshObservations:
         weights: Array | None = None,
         inside: bool = True,
         dense: Booleans | None = None,
+        degrees: Indices | None = None,
     ) -> None:
         """Gather the observations.
 
@@ -138,8 +146,11 @@ class MeshObservations:
             Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
         dense
             Patches that are observed as densely as small ones, (K,).
+        degrees
+            Highest total degree that each patch may use, (K,); any where None.
         """
         self._made_of = mesh, patches, blending, kind, weights, inside
+        self.degrees = np.full(len(patches), ANY_DEGREE) if degrees is None else degrees
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self.blending = blending
@@ -158,7 +169,22 @@ class MeshObservations:
 
     def with_dense(self, more: Booleans) -> MeshObservations:
         """Return the observations with more of the patches, (K,), observed densely."""
-        return MeshObservations(*self._made_of, dense=self._dense | more)
+        return MeshObservations(*self._made_of, dense=self._dense | more, degrees=self.degrees)
+
+    def with_degrees(self, degrees: Indices) -> MeshObservations:
+        """Return the same observations with other degrees, (K,)."""
+        return MeshObservations(*self._made_of, dense=self._dense, degrees=degrees)
+
+    def samples_of_patch(self, patch: int, triangles: Indices, samples: Array) -> tuple[PatchObservations, Array]:
+        """Return places (q, 3) in some of a patch's triangles as observations, and where they are, (n q, 3)."""
+        own = self.patches.triangle_offsets[patch] + triangles
+        corners = np.repeat(self.patches.triangles[own], len(samples), axis=0)
+        shares = np.tile(samples, (len(triangles), 1))
+        first = self.patches.vertex_offsets[patch]
+        blending = np.einsum("nk,nk->n", self.blending[first + corners], shares)
+        points = np.einsum("nk,nkd->nd", shares, self.vertices[self.patches.vertices[first + corners]])
+        none = np.full(len(corners), -1, dtype=np.int64)
+        return PatchObservations(none, corners, shares, blending, blending, ANY_DEGREE), points
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch: its vertices, then the points inside its triangles."""
@@ -191,5 +217,5 @@ class MeshObservations:
             shares,
             own,
             blending,
-            small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE,
+            min(int(self.degrees[patch]), small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE),
         )

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from ..approximation.oscillation import with_lower_degrees
 from ..approximation.patched_surface import PatchedSurface
 from ..arrays import Array, Booleans, Indices
 from ..mesh.sampling import triangle_grid
@@ -23,35 +24,20 @@ SAMPLES = triangle_grid(5)
 """Points of each triangle at which a patch is compared with the planes."""
 
 REFITS = 3
-DEGREE_FACTOR = 0.6
 LOWEST_DEGREE = 2
-"""A patch is refitted at most this often, each time with its degree multiplied by this, but never a lower one."""
+"""A patch is refitted at most this often, and never with a lower degree."""
 
 
 def oscillating_in_cloud(surface: CloudSurface, planes: TangentPlanes) -> Iterator[tuple[Booleans, CloudObservations]]:
-    """Find patches that leave the tangent planes, to be fitted with lower degrees (see `refit_oscillating`).
-
-    Of all its fits each patch keeps the one that stays nearest to the planes.
-    """
+    """Find patches that leave the tangent planes, to be fitted with lower degrees (see `refit_oscillating`)."""
 
     def leaving(which: Indices) -> Array:
         return farthest(which, planes, lambda patch: _sampled(surface, patch))
 
-    best, degrees = surface.fits, surface.observations.degrees
-    best_degrees = degrees
-    nearest = away = leaving(np.arange(len(best)))
-    for _ in range(REFITS):
-        oscillating = (away > planes.tolerance) & (degrees > LOWEST_DEGREE)
-        if not oscillating.any():
-            break
-        degrees = np.where(oscillating, lowered(degrees), degrees)
-        yield oscillating, surface.observations.with_degrees(degrees)
-        away = away.copy()
-        away[oscillating] = leaving(np.flatnonzero(oscillating))
-        better = away < nearest
-        nearest, best_degrees = np.where(better, away, nearest), np.where(better, degrees, best_degrees)
-        best = [new if other else old for old, new, other in zip(best, surface.fits, better, strict=True)]
-    surface.restore(best, surface.observations.with_degrees(best_degrees))
+    def observe(patches: Booleans, degrees: Indices) -> CloudObservations:
+        return surface.observations.with_degrees(degrees)
+
+    return with_lower_degrees(surface, leaving, planes.tolerance, observe, lowest=LOWEST_DEGREE, rounds=REFITS)
 
 
 def _sampled(surface: CloudSurface, patch: int) -> tuple[Array, Array]:
@@ -76,8 +62,3 @@ def farthest(patches: Indices, planes: TangentPlanes, sampled: Callable[[int], t
     starts = np.cumsum([0, *(len(blending) for _, blending in pieces[:-1])])
     result: Array = np.maximum.reduceat(away, starts)
     return result
-
-
-def lowered(degrees: Indices) -> Indices:
-    """Lower degrees for patches that oscillate."""
-    return np.maximum((DEGREE_FACTOR * degrees).astype(np.int64), LOWEST_DEGREE)

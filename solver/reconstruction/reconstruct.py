@@ -28,10 +28,11 @@ from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import CloudSettings, Settings
-from ..surface.metrics import domain_jacobians, flipped_triangles
+from ..surface.metrics import domain_jacobians, faces_turned, flipped_triangles
 from ..surface.representation import Representation
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
 from .correction import nearest_on_surface
+from .distances import both_ways
 from .geometry import CloudGeometry, analyse
 from .noise import iterations_for_noise, ring_for_noise
 from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
@@ -314,6 +315,8 @@ class _Work:
             self.watch,
             flipped_triangles=flipped,
             passed_through_vertices=int(surface.patches.passed_through.sum()),
+            vertices_reproduced=0,
+            faces_turned=faces_turned(self.mesh.vertices, vertices, self.mesh.face_offsets, self.mesh.face_corners),
             iterations=iterations,
             counts={
                 "points": count,
@@ -323,6 +326,7 @@ class _Work:
                 "outliers": int((self.weights < OUTLIER_WEIGHT).sum()),
             },
             cloud=self.cloud.as_dict(),
+            cloud_distances=both_ways(representation, self.points, distance, self.geometry.spacing),
         )
         return Reconstruction(vertices, distance, feet.triangle, feet.barycentric, self.weights, report, representation)
 

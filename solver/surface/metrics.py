@@ -12,7 +12,7 @@ from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..fitting.domain_energy import DomainEnergy, determinant
 from ..mesh.edges import edge_keys
 from ..mesh.normals import angle_between, face_normals
-from ..mesh.sampling import SURFACE_SAMPLES
+from ..mesh.sampling import MEASURED_SAMPLES
 from .representation import Representation
 
 EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
@@ -37,7 +37,7 @@ def statistics(error: Array) -> dict[str, float]:
 def surface_error(
     representation: Representation,
     triangles: Indices | None = None,
-    samples: Array = SURFACE_SAMPLES,
+    samples: Array = MEASURED_SAMPLES,
     vertices: Array | None = None,
 ) -> Array:
     """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only.
@@ -146,6 +146,27 @@ def normal_error(before: Array, after: Array, triangles: Indices) -> float:
     if not usable.any():
         return 0.0
     return float(np.degrees(angle_between(one[usable], other[usable])).mean())
+
+
+def faces_turned(before: Array, after: Array, offsets: Indices, corners: Indices) -> int:
+    """Number of polygons whose normals in two meshes, (V, 3) each, are more than 90 degrees apart.
+
+    Parameters
+    ----------
+    offsets, corners
+        The polygons: where the corners of each begin, (F + 1,), and their vertices, (C,).
+    """
+    sizes = np.diff(offsets)
+    if not len(sizes):
+        return 0
+    following = np.arange(1, len(corners) + 1)
+    following[offsets[1:] - 1] = offsets[:-1]
+    normals = [
+        # Newell's sum; about the first corner, so that it keeps its digits far from the origin
+        np.add.reduceat(np.cross(own, own[following]), offsets[:-1])
+        for own in (mesh[corners] - np.repeat(mesh[corners[offsets[:-1]]], sizes, axis=0) for mesh in (before, after))
+    ]
+    return int(((normals[0] * normals[1]).sum(axis=1) < 0.0).sum())
 
 
 def domain_jacobians(representation: Representation) -> tuple[Array, Array]:

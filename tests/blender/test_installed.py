@@ -104,3 +104,10 @@ def test_disabling_and_enabling_leaves_nothing_behind():
     finally:
         addon_utils.enable(PACKAGE, default_set=True)
     assert {name for name in dir(bpy.types) if "sparse_surface" in name.lower()} == classes
+
+
+def test_the_zip_of_a_platform_brings_the_compiled_kernel(extension):
+    library = sys.modules[f"{PACKAGE}.solver.native.library"]
+    if not list((Path(extension.__file__).parent / "wheels").glob("*.whl")):
+        pytest.skip("this zip is for every platform")
+    assert library.reason_against() is None

@@ -14,8 +14,10 @@ from sparse_surface.solver import Report, Settings, approximate, reconstruct
 
 QUICK = {"workers": 1, "iterations": 1, "sweeps": 0, "ring": 4, "degree": 6, "sparsity": 8}
 COUNTS = {"input", "patches", "flipped_triangles", "passed_through_vertices", "representation_bytes", "workers"}
+COPIES = {"vertices_reproduced", "faces_turned"}
+CLOUD = {"cloud", "points_to_surface", "surface_to_points", "pieces", "euler"}
 ERRORS = {"vertex_error", "surface_error", "relative", "seam_max", "normal_error_degrees", "energy", "iterations"}
-ALWAYS = {"version", "method", "settings", "seconds", "peak_memory_mb", *COUNTS, *ERRORS}
+ALWAYS = {"version", "method", "settings", "seconds", "peak_memory_mb", *COUNTS, *COPIES, *ERRORS}
 
 
 def noisy_cube():
@@ -33,7 +35,7 @@ def test_a_report_has_only_what_applies(denoised) -> None:
     made = ball(300)
     cloud = reconstruct(made.points, made.base_vertices, made.base_faces, Settings(**QUICK))
     assert set(mesh.report) == ALWAYS
-    assert set(cloud.report) == {*ALWAYS, "cloud"}
+    assert set(cloud.report) == {*ALWAYS, *CLOUD}
     assert set(denoised.report) == {*ALWAYS, "tolerance", "denoise"}
     for result in (mesh, cloud, denoised):
         assert isinstance(result.measures, Report)
@@ -49,7 +51,7 @@ def test_a_report_cannot_be_changed(denoised) -> None:
 
 def test_the_tolerance_is_that_of_the_fit_and_errors_are_those_from_the_input(denoised) -> None:
     fit, achieved = denoised.report["denoise"]["fit"], denoised.report["tolerance"]["achieved"]
-    assert achieved == max(fit["vertex_error"]["max"], fit["surface_error"]["max"]) <= 0.01
+    assert max(fit["vertex_error"]["max"], fit["surface_error"]["max"]) <= achieved <= 0.01
     assert set(fit) == {"vertex_error", "surface_error", "normal_error_degrees"}
     error = np.linalg.norm(denoised.vertices - noisy_cube()[0], axis=1)
     assert denoised.report["vertex_error"]["max"] == pytest.approx(error.max())

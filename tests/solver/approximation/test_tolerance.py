@@ -18,14 +18,15 @@ def independent_error(result, vertices):
     return np.linalg.norm(representation.evaluate(face, barycentric) - flat, axis=1).max()
 
 
-@pytest.mark.parametrize(("share", "most_reproduced"), [(0.01, 0), (0.004, 400)])
+@pytest.mark.parametrize(("share", "most_reproduced"), [(0.01, 0), (0.004, 420)])
 def test_the_cube_keeps_a_tolerance_between_the_measured_points_too(share, most_reproduced):
     vertices, faces = cube()
     result = approximate(vertices, faces, Settings(workers=1, tolerance=share, sweeps=0, iterations=8))
     kept = result.report["tolerance"]
     assert kept["achieved"] <= share
-    assert max(result.report["vertex_error"]["max"], result.report["surface_error"]["max"]) == kept["achieved"]
-    assert independent_error(result, vertices) <= 1.1 * share
+    found = max(result.report["vertex_error"]["max"], result.report["surface_error"]["max"])
+    assert found <= kept["achieved"] <= 1.03 * found
+    assert independent_error(result, vertices) <= share
     assert result.report["seam_max"] <= 1e-5
     assert result.report["flipped_triangles"] == 0
     assert kept["rounds"]
@@ -37,7 +38,7 @@ def test_what_no_patch_can_do_is_reproduced_and_said():
     result = approximate(vertices, faces, Settings(workers=1, tolerance=2e-4, sweeps=0, iterations=4))
     kept = result.report["tolerance"]
     # the surface is the input wherever no patch meets it to rounding
-    assert kept["achieved"] <= 1e-11
+    assert kept["achieved"] <= 1e-10
     assert kept["vertices_reproduced"] == (result.patch == -1).sum() == result.report["passed_through_vertices"] > 0
 
 
@@ -75,5 +76,5 @@ def test_every_model_keeps_every_tolerance(model, share, load_model):
     result = approximate(vertices, faces, Settings(tolerance=share * size))
     report = result.report
     assert max(report["relative"]["vertex_max"], report["relative"]["surface_max"]) <= share
-    # between the points at which the solver looks the surface may be off by a little more
-    assert independent_error(result, vertices) <= 1.1 * share * size
+    assert report["surface_error"]["bound"] <= share * size
+    assert independent_error(result, vertices) <= share * size

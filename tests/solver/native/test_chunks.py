@@ -252,9 +252,9 @@ def test_without_memory_a_sentence_says_so() -> None:
 
 
 def test_the_reason_for_numpy_is_a_sentence() -> None:
-    assert "'paper'" in str(chunks.reason_for_numpy(Settings(method="paper").resolved()))
-    assert "sparsity" in str(chunks.reason_for_numpy(Settings(automatic_sparsity=True).resolved()))
-    assert chunks.reason_for_numpy(Settings().resolved()) == library.reason_against()
+    assert "'paper'" in str(library.reason_for_numpy(Settings(method="paper").resolved()))
+    assert "sparsity" in str(library.reason_for_numpy(Settings(automatic_sparsity=True).resolved()))
+    assert library.reason_for_numpy(Settings().resolved()) == library.reason_against()
 
 
 def test_without_the_library_the_reason_names_the_platform(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from sparse_surface.benchmarks.generated_clouds import ball, box
 from sparse_surface.solver.mesh.sampling import triangle_grid
 from sparse_surface.solver.reconstruction.geometry import analyse
-from sparse_surface.solver.reconstruction.oscillation import farthest, lowered
+from sparse_surface.solver.reconstruction.oscillation import farthest
 from sparse_surface.solver.reconstruction.tangent_planes import TangentPlanes
 
 
@@ -37,15 +37,6 @@ def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
     away = farthest(np.arange(3), planes, sampled)
     np.testing.assert_array_equal(away > planes.tolerance, [False, True, False])
     np.testing.assert_array_equal(farthest(np.array([2, 1]), planes, sampled), away[[2, 1]])
-
-
-def test_degrees_fall_to_the_lowest() -> None:
-    degrees = np.array([14, 7, 3, 2])
-    for _ in range(6):
-        lower = lowered(degrees)
-        assert (lower <= degrees).all()
-        degrees = lower
-    np.testing.assert_array_equal(degrees, 2)
 
 
 def test_grid_of_a_triangle() -> None:

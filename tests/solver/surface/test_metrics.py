@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.mesh.sampling import SURFACE_SAMPLES
+from sparse_surface.solver.mesh.sampling import MEASURED_SAMPLES
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from sparse_surface.solver.surface.metrics import (
     domain_jacobians,
@@ -32,9 +32,9 @@ def test_measures_see_a_shift_as_what_it_is():
     representation = approximate(vertices, faces, Settings(workers=1, iterations=1, sweeps=0)).representation
     true = representation.evaluate(
         np.repeat(np.arange(len(representation.triangles)), 6),
-        np.tile(SURFACE_SAMPLES, (len(representation.triangles), 1)),
+        np.tile(MEASURED_SAMPLES, (len(representation.triangles), 1)),
     )
-    flat = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, vertices[representation.triangles]).reshape(-1, 3)
+    flat = np.einsum("qk,tkd->tqd", MEASURED_SAMPLES, vertices[representation.triangles]).reshape(-1, 3)
     np.testing.assert_allclose(surface_error(representation).ravel(), np.linalg.norm(true - flat, axis=1))
     shifted = replace(representation, origins=representation.origins + np.array([0.0, 0.0, 0.25]))
     moved = shifted.at_vertices() - representation.at_vertices()

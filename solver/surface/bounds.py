@@ -1,0 +1,247 @@
+"""Guaranteed bounds of the surface error.
+
+On a part of a triangle the surface is a sum over its patches, S(b) = sum_k phi_k(b) h_k(u_k(b)), in which the blending
+weights phi_k and the domains u_k are linear in the barycentric coordinates b, and h_k is a polynomial.  A Taylor model
+(see `taylor`) replaces each h_k by a polynomial of degree m - 1 and a bound of what that leaves out.  The error without
+these remainders is a polynomial of degree m, and the largest of its Bernstein coefficients bounds it (convex hull
+property; Farin, Curves and Surfaces for CAGD, chapter 17).  Where both together do not suffice the part is split in
+four, which divides the remainder by 2^m.  Values at points of the parts, less the remainders, bound the largest error
+from below.  All of this holds up to the rounding of double precision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .representation import Representation
+from .taylor import LATTICE, TO_BERNSTEIN, DerivativeBounds, Expansions
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ACCURACY = 0.02
+"""The largest error is known when its two bounds differ by no more than this share of it."""
+
+MOST_SPLITS = 12
+"""How often a part may be split; the last ones are 1 / 4096 of a triangle's side."""
+
+PARTS_AT_ONCE = 40_000
+"""Parts of triangles, each in each of its patches, that are bounded together: more would only take memory."""
+
+FOUR = (
+    np.array(
+        [
+            [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+            [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+            [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+            [[0, 1, 1], [1, 0, 1], [1, 1, 0]],
+        ]
+    )
+    / 2.0
+)
+"""Corners of the four parts of a triangle in its barycentric coordinates, (4, 3, 3)."""
+
+
+def error_bounds(
+    representation: Representation, vertices: Array | None = None, accuracy: float = ACCURACY
+) -> tuple[float, float]:
+    """Bounds of the largest distance |S(b) - x(b)| between the surface and the points of the same parameters.
+
+    Parameters
+    ----------
+    representation
+        The surface S.
+    vertices
+        Corners of the flat triangles of x, (V, 3); the representation's own where None.
+    accuracy
+        The bounds differ by no more than this share of the upper one, unless `MOST_SPLITS` ends the search.
+
+    Returns
+    -------
+    lower, upper
+        Scene units.  The error reaches `lower` somewhere and exceeds `upper` nowhere.
+    """
+    error = _ErrorModel.of(representation, vertices)
+    parts = _Parts.whole(np.arange(len(representation.triangles)))
+    lower = upper = 0.0
+    for splits in range(MOST_SPLITS + 1):
+        low, high = error.bounds(parts)
+        lower = max(lower, float(low.max(initial=0.0)))
+        settled = high <= lower * (1.0 + accuracy)
+        if splits == MOST_SPLITS:
+            settled[:] = True
+        upper = max(upper, float(high[settled].max(initial=0.0)))
+        if settled.all():
+            break
+        parts = parts.select(~settled).split()
+    return lower, max(lower, upper)
+
+
+def exceeding(
+    representation: Representation, tolerance: float, triangles: Indices | None = None, vertices: Array | None = None
+) -> NDArray[np.bool_]:
+    """Whether the error may exceed a tolerance, for all triangles (T,) or for those named; False is guaranteed.
+
+    Parameters as of `error_bounds`; `tolerance` in scene units.
+    """
+    asked = np.arange(len(representation.triangles)) if triangles is None else triangles
+    error = _ErrorModel.of(representation, vertices)
+    outside = np.zeros(len(representation.triangles), dtype=bool)
+    parts = _Parts.whole(asked)
+    for _ in range(MOST_SPLITS + 1):
+        low, high = error.bounds(parts)
+        outside[parts.triangle[low > tolerance]] = True
+        undecided = (high > tolerance) & ~outside[parts.triangle]
+        parts = parts.select(undecided)
+        if not len(parts.triangle):
+            break
+        parts = parts.split()
+    outside[parts.triangle] = True
+    return outside[asked]
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Parts of triangles.
+
+    Attributes
+    ----------
+    triangle
+        Mesh triangle of each part, (P,).
+    corners
+        The part's corners in the triangle's barycentric coordinates, (P, 3, 3).
+    """
+
+    triangle: Indices
+    corners: Array
+
+    @classmethod
+    def whole(cls, triangles: Indices) -> _Parts:
+        return cls(triangles, np.broadcast_to(np.eye(3), (len(triangles), 3, 3)))
+
+    def select(self, which: NDArray[np.bool_] | slice) -> _Parts:
+        return _Parts(self.triangle[which], self.corners[which])
+
+    def split(self) -> _Parts:
+        corners = np.matmul(FOUR, self.corners[:, None])
+        return _Parts(np.repeat(self.triangle, 4), corners.reshape(-1, 3, 3))
+
+
+@dataclass(frozen=True)
+class _ErrorModel:
+    """S(b) - x(b) as polynomials with remainders.
+
+    Attributes
+    ----------
+    surface
+        The representation, moved so that the model's centre is the origin: differences keep their digits.
+    flat
+        Corners of x, (V, 3), moved alike.
+    """
+
+    surface: Representation
+    flat: Array
+
+    @classmethod
+    def of(cls, representation: Representation, vertices: Array | None) -> _ErrorModel:
+        centre = representation.vertices.mean(axis=0) if len(representation.vertices) else np.zeros(3)
+        own = representation.vertices - centre
+        moved = replace(representation, vertices=own, origins=representation.origins - centre)
+        return cls(moved, own if vertices is None else vertices - centre)
+
+    def bounds(self, parts: _Parts) -> tuple[Array, Array]:
+        """Lower and upper bounds of the largest error on each part, (P,) each."""
+        lower, upper = np.empty(len(parts.triangle)), np.empty(len(parts.triangle))
+        for block in self._blocks(parts):
+            lower[block], upper[block] = self._bounds(parts.select(block))
+        return lower, upper
+
+    def _blocks(self, parts: _Parts) -> Iterator[slice]:
+        """Runs of parts that hold together in memory."""
+        ends = np.cumsum(np.diff(self._holders[0])[parts.triangle])
+        start = 0
+        while start < len(ends):
+            before = ends[start - 1] if start else 0
+            stop = max(start + 1, int(np.searchsorted(ends, before + PARTS_AT_ONCE, side="right")))
+            yield slice(start, stop)
+            start = stop
+
+    def _bounds(self, parts: _Parts) -> tuple[Array, Array]:
+        values = self._input_values(parts)
+        remainder = np.zeros((len(parts.triangle), 3))
+        part, held = self._pairs(parts.triangle)
+        order = np.argsort(self.surface.patch_of_triangle[held], kind="stable")
+        part, held = part[order], held[order]
+        weights = np.matmul(parts.corners[part], self.surface.corner_weights[held][:, :, None])[:, :, 0]
+        flat = np.matmul(parts.corners[part], self.flat[self.surface.triangles[parts.triangle[part]]])
+        taylor, left_out = self._patches_values(held, parts.corners[part])
+        taylor -= np.matmul(LATTICE, flat)
+        taylor *= np.matmul(weights, LATTICE.T)[:, :, None]
+        _add_rows(values, part, taylor)
+        _add_rows(remainder, part, weights.max(axis=1, initial=0.0)[:, None] * left_out)
+        left_out = np.linalg.norm(remainder, axis=1)
+        coefficients = np.tensordot(values, TO_BERNSTEIN, axes=(1, 1))  # (P, 3, n)
+        upper = np.sqrt((coefficients**2).sum(axis=1).max(axis=1)) + left_out
+        lower = np.sqrt((values**2).sum(axis=2).max(axis=1)) - left_out
+        return np.maximum(lower, 0.0), upper
+
+    def _input_values(self, parts: _Parts) -> Array:
+        """What the input itself contributes where it shows through, at the lattice, (P, n, 3)."""
+        own = self.surface.vertices[self.surface.triangles[parts.triangle]]
+        away = np.matmul(parts.corners, own - self.flat[self.surface.triangles[parts.triangle]])
+        weights = np.matmul(parts.corners, self.surface.input_weights[parts.triangle][:, :, None])
+        return np.matmul(LATTICE, weights) * np.matmul(LATTICE, away)
+
+    @cached_property
+    def _holders(self) -> tuple[Indices, Indices]:
+        """Patch triangles with weight, sorted by mesh triangle, and where those of each begin, (T + 1,)."""
+        weighty = np.flatnonzero(self.surface.corner_weights.max(axis=1, initial=0.0) > 0.0)
+        face = self.surface.mesh_triangles[weighty]
+        order = np.argsort(face, kind="stable")
+        counts = np.bincount(face, minlength=len(self.surface.triangles))
+        return np.concatenate([[0], np.cumsum(counts)]), weighty[order]
+
+    def _pairs(self, triangle: Indices) -> tuple[Indices, Indices]:
+        """Each part in each of its patches: numbers of the parts and patch triangles, (n,) each."""
+        starts, holders = self._holders
+        counts = starts[triangle + 1] - starts[triangle]
+        ends = np.cumsum(counts)
+        within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
+        return np.repeat(np.arange(len(triangle)), counts), holders[np.repeat(starts[triangle], counts) + within]
+
+    def _patches_values(self, held: Indices, corners: Array) -> tuple[Array, Array]:
+        """Taylor polynomials of the patches' own surfaces at the lattice, (n, L, 3), and their remainders, (n, 3)."""
+        surface = self.surface
+        taylor, left_out = np.empty((len(held), len(LATTICE), 3)), np.empty((len(held), 3))
+        channels = len(surface.domains)
+        ends = np.matmul(corners, surface.domains[:, surface.corners[held]])  # (C, n, 3, 2)
+        patch = surface.patch_of_triangle[held]
+        runs = np.flatnonzero(np.diff(patch, prepend=-1, append=-1))
+        for c, parameters in enumerate(ends):
+            pieces = Expansions(surface.dictionary, parameters, self._derivative_bounds)
+            axes = slice(None) if channels == 1 else slice(c, c + 1)
+            for first, stop in pairwise(runs):
+                k, rows = patch[first], slice(first, stop)
+                values, rest = pieces.of_patch(rows, surface.support[k, axes], surface.coefficients[k, axes])
+                scale = surface.scales[k][axes] if channels > 1 else surface.scales[k]
+                taylor[rows, :, axes] = (values / scale[:, None, None]).transpose(1, 2, 0) + surface.origins[k][axes]
+                left_out[rows, axes] = (rest / scale[:, None]).T
+        return taylor, left_out
+
+    @cached_property
+    def _derivative_bounds(self) -> DerivativeBounds:
+        return DerivativeBounds.of(self.surface.dictionary, self.surface.domains)
+
+
+def _add_rows(total: Array, rows: Indices, values: Array) -> None:
+    """Add values (n, ...) to the rows of `total`, in order of the values."""
+    order = np.argsort(rows, kind="stable")
+    starts = np.flatnonzero(np.diff(rows[order], prepend=-1))
+    if len(starts):
+        total[rows[order][starts]] += np.add.reduceat(values[order], starts, axis=0)

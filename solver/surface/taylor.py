@@ -1,0 +1,154 @@
+"""Taylor models of a patch's functions: polynomials of low degree, and how far the functions can be from them.
+
+About the centre of a triangle in the parameter plane a function h is its Taylor polynomial of degree m - 1.  By
+Lagrange's form of the remainder what that leaves out is at most
+
+    r = sum_{a + b = m} max |d^m h / du^a dv^b| / (a! b!) * du^a dv^b
+
+where du and dv are the triangle's extents from its centre.  A function is a sum of products q_i(u) q_j(v), so sums of
+products of the largest derivatives of q_i and q_j over the triangle's extents bound the maxima; those are tabulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.dictionary import Dictionary
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ORDER = 4
+"""m: degree of the polynomials that stand for the error."""
+
+CELLS, SAMPLES_A_CELL = 256, 8
+"""Intervals into which the range of the parameters is cut, and samples of a polynomial in each."""
+
+
+def _lattice(order: int) -> Indices:
+    return np.array([[order - i - j, i, j] for i in range(order + 1) for j in range(order + 1 - i)])
+
+
+def _to_bernstein(order: int) -> Array:
+    """Matrix that takes a polynomial's values at the lattice to its Bernstein coefficients."""
+    exponents = _lattice(order)
+    count = [factorial(order) / np.prod([factorial(e) for e in row]) for row in exponents]
+    places = exponents[:, None, :] / order
+    return np.linalg.inv(np.array(count) * np.prod(places ** exponents[None], axis=2))
+
+
+LATTICE = _lattice(ORDER) / ORDER
+"""Barycentric coordinates of the points that fix a polynomial of degree m, corners included, (n, 3)."""
+
+TO_BERNSTEIN = _to_bernstein(ORDER)
+
+
+class Expansions:
+    """Taylor polynomials of dictionary functions about the centres of n triangles in the plane."""
+
+    def __init__(self, dictionary: Dictionary, triangles: Array, limits: DerivativeBounds) -> None:
+        """Take the triangles' corners, (n, 3, 2)."""
+        self.degrees = dictionary.degrees
+        centre = triangles.mean(axis=1)
+        away = triangles - centre[:, None]
+        extent = np.abs(away).max(axis=1)
+        at_lattice = np.matmul(LATTICE, away)
+        self._powers = [_powers(at_lattice[:, :, axis], ORDER) for axis in (0, 1)]
+        self._extents = [_powers(extent[:, axis], ORDER + 1) for axis in (0, 1)]
+        self._tables = [_derivatives(dictionary, np.ascontiguousarray(centre[:, axis]), ORDER) for axis in (0, 1)]
+        low, high = triangles.min(axis=1), triangles.max(axis=1)
+        self._limits = [limits.over(low[:, axis], high[:, axis]) for axis in (0, 1)]
+
+    def of_patch(self, rows: slice, support: Indices, coefficients: Array) -> tuple[Array, Array]:
+        """Values at the lattice, (D, n, L), and remainders, (D, n), of sparse combinations (D, s)."""
+        i, j = self.degrees[support].transpose(2, 0, 1)
+        values = np.zeros((len(support), rows.stop - rows.start, len(LATTICE)))
+        rest = np.zeros(values.shape[:2])
+        size = np.abs(coefficients)
+        for a in range(ORDER):
+            along_u = self._tables[0][a][:, rows][i]
+            for b in range(ORDER - a):
+                slope = np.einsum("ds,dsn,dsn->dn", coefficients, along_u, self._tables[1][b][:, rows][j])
+                values += slope[:, :, None] * (self._powers[0][a][rows] * self._powers[1][b][rows])
+        for a in range(ORDER + 1):
+            along_u, along_v = self._limits[0][a][:, rows][i], self._limits[1][ORDER - a][:, rows][j]
+            most = np.einsum("ds,dsn,dsn->dn", size, along_u, along_v)
+            rest += most * (self._extents[0][a][rows] * self._extents[1][ORDER - a][rows])
+        return values, rest
+
+
+def _powers(x: Array, count: int) -> list[Array]:
+    """x^a / a! for a < count."""
+    powers = [np.ones_like(x)]
+    for a in range(1, count):
+        powers.append(powers[-1] * x / a)
+    return powers
+
+
+def _derivatives(dictionary: Dictionary, x: Array, count: int) -> list[Array]:
+    """Derivatives of order 0 .. count - 1 of the one-variable polynomials, (t + 1, n) each."""
+    tables = [dictionary.tables(x)]
+    for _ in range(1, count):
+        tables.append(dictionary.derivative_matrix @ tables[-1])
+    return tables
+
+
+@dataclass(frozen=True)
+class DerivativeBounds:
+    """Largest absolute derivatives of the one-variable polynomials over intervals.
+
+    Attributes
+    ----------
+    low, width
+        Where the cells begin, and how long each is.
+    levels
+        Maxima over 2^level cells from each cell on, of the derivatives of order 0 .. m, (levels, m + 1, cells, t + 1).
+    """
+
+    low: float
+    width: float
+    levels: Array
+
+    @classmethod
+    def of(cls, dictionary: Dictionary, domains: Array) -> DerivativeBounds:
+        low, high = (float(domains.min()), float(domains.max())) if domains.size else (-1.0, 1.0)
+        high = max(high, low + 1e-9)
+        step = (high - low) / (CELLS * SAMPLES_A_CELL)
+        tables = _derivatives(dictionary, np.linspace(low, high, CELLS * SAMPLES_A_CELL + 1), dictionary.degree + 1)
+        above = np.zeros((dictionary.degree + 1, CELLS))
+        found = []
+        # From the highest derivative, which is constant, down: between samples a function changes by at most half a
+        # step times the bound of its derivative.
+        for table in reversed(tables):
+            most = np.maximum(np.abs(table[:, :-1]), np.abs(table[:, 1:]))
+            above = most.reshape(len(most), CELLS, SAMPLES_A_CELL).max(axis=2) + 0.5 * step * above
+            found.append(above)
+        none = np.zeros_like(above)
+        orders = np.stack([found[-1 - a] if a < len(found) else none for a in range(ORDER + 1)]).swapaxes(1, 2)
+        return cls(low, (high - low) / CELLS, _running_maxima(orders))
+
+    def over(self, low: Array, high: Array) -> list[Array]:
+        """Bounds over intervals (n,), for each order (t + 1, n)."""
+        first, last = (np.clip(((x - self.low) / self.width).astype(np.int64), 0, CELLS - 1) for x in (low, high))
+        level = np.log2(last - first + 1).astype(np.int64)
+        second = last + 1 - (1 << level)
+        return [
+            np.ascontiguousarray(np.maximum(self.levels[level, a, first], self.levels[level, a, second]).T)
+            for a in range(ORDER + 1)
+        ]
+
+
+def _running_maxima(values: Array) -> Array:
+    """Maxima over 1, 2, 4, ... cells from each on (the last ones over fewer), (levels, ..., cells, t + 1)."""
+    levels = [values]
+    width = 1
+    while 2 * width <= values.shape[-2]:
+        longer = levels[-1].copy()
+        longer[..., :-width, :] = np.maximum(longer[..., :-width, :], levels[-1][..., width:, :])
+        levels.append(longer)
+        width *= 2
+    return np.stack(levels)
