@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..solver import Reconstruction, reconstruct
 from ..solver.mesh.closest_points import closest_points
 from ..solver.mesh.sampling import triangle_grid
+from ..solver.reconstruction.made_base import make_base
 from ..solver.settings import Settings
 from .cases import unit_seconds
 from .generated_clouds import Cloud, airplane, ball, box, head, l_solid
@@ -104,8 +105,6 @@ def measure(case: CloudCase) -> MeasuredCloud:
     cloud = case.make()
     vertices, faces = cloud.base_vertices, cloud.base_faces
     if case.made_base:
-        from ..operators.data.base_mesh import make_base  # needs bpy
-
         made = make_base(cloud.points)
         vertices, faces = made.vertices, made.triangles
     unit = unit_seconds(5, time.process_time)

@@ -24,10 +24,12 @@ OPERATORS = (
     "separate_patches",
     "show_heat_map",
     "show_patches",
+    "show_source",
+    "use_as_source",
 )
 """The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
 
-WATCHERS = ("run.session", "run.preloading", "preview.object")
+WATCHERS = ("data.origins", "run.session", "run.watch", "run.preloading", "preview.object")
 """Modules with handlers for what happens in Blender."""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from bpy.types import Context, Object, Operator
 
-from .data.objects import selected_meshes
+from .data.objects import chosen_objects, selected_meshes
 from .run.operator import Solved, SolverOperator, Task, read_sources, scene_settings
 from .run.poll import MESHES_TO_SOLVE, needs
 
@@ -22,7 +22,7 @@ class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
 
     def tasks(self, context: Context) -> tuple[list[Task], list[str]]:
         """All selected meshes with the scene's settings."""
-        sources, refusals = read_sources(context, selected_meshes(context) or list(context.selected_objects)[:1])
+        sources, refusals = read_sources(context, selected_meshes(context) or chosen_objects(context)[:1])
         settings = scene_settings(context)
         return [(source, settings) for source in sources], refusals
 

@@ -9,7 +9,8 @@ from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
 from ..solver.settings import PRESETS, Settings
-from .data.objects import selected_meshes
+from .data.objects import find_object, selected_meshes
+from .data.visibility import hide
 from .run.operator import Solved, SolverOperator, Task, read_sources, scene_settings
 from .run.poll import MESHES_TO_SOLVE, needs, one_mesh
 
@@ -50,6 +51,9 @@ class SPARSE_SURFACE_OT_compare_methods(SolverOperator, Operator):
         except SparseSurfaceError as error:
             refusals.append(str(error))
             return []
+        source = find_object(done[0][0].session_uid)
+        if source is not None and context.scene.sparse_surface.source_shown == "HIDDEN":
+            hide(source, context)
         for (_, result), shown in zip(done, made, strict=True):
             self.say_result(shown.name, result.report)
         return made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Operator
 
 from .run.session import session
@@ -16,7 +17,9 @@ class SPARSE_SURFACE_OT_finish(Operator):
 
     @classmethod
     def poll(cls, context: Context) -> bool:
-        return session.current is not None and not session.current.finishing
+        if session.current is not None and not (session.current.finishing or session.current.can_finish):
+            cls.poll_message_set(rpt_("There is no surface yet that could be kept"))
+        return session.current is not None and session.current.can_finish
 
     def execute(self, context: Context) -> set[str]:
         if session.current is None:

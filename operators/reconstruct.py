@@ -58,8 +58,8 @@ class SPARSE_SURFACE_OT_reconstruct(SolverOperator, Operator):
             surface = create_surface(context, source, result, scale, replace=replace)
             if wanted.point_errors:
                 create_point_errors(context, source, result, scale, replace=replace)
-            if wanted.keep_base and source.made_base:
-                create_base(context, source, replace=replace)
+            if wanted.keep_base and result.made_base is not None:
+                create_base(context, source, *result.made_base, replace=replace)
             return surface
 
-        return self.make_each(make, context, done, refusals)
+        return self.make_each(make, context, done, refusals, [wanted.base] if wanted.base is not None else [])

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import IntProperty
-from bpy.types import Context, Operator
+from bpy.types import Context, Object, Operator
 
 from ..solver.errors import SparseSurfaceError
 from ..solver.settings import MOST_SPLITS
-from .data.objects import select_only
-from .run.poll import SURFACE, needs
+from .data.objects import last_source, select_only
+from .data.result_keys import has_representation
+from .data.visibility import settle
+from .run.poll import needs, no_run, object_mode
+
+
+def surface(context: Context) -> str:
+    """The active object holds a representation, or was made from one that does."""
+    return "" if _holder(context) is not None else rpt_("Select a result: an object that Approximate has made")
+
+
+def _holder(context: Context) -> Object | None:
+    active = context.active_object
+    return active if active is None or has_representation(active) else last_source(active, has_representation)
 
 
 class SPARSE_SURFACE_OT_resample(Operator):
-    """Make a finer mesh of the active result's surface: every edge is split, quads stay quads, layers are kept"""
+    """Show a finer mesh instead of the active result: every edge is split, quads stay quads, layers are kept"""
 
     bl_idname = "sparse_surface.resample"
     bl_label = "Resample"
@@ -28,16 +40,17 @@ class SPARSE_SURFACE_OT_resample(Operator):
         soft_max=8,
     )
 
-    poll = needs(*SURFACE)
+    poll = needs(no_run, object_mode, surface)
 
     def execute(self, context: Context) -> set[str]:
         from .representation.resampled import resample_object  # loads SciPy; enabling the add-on must not
 
         try:
-            made = resample_object(context, context.active_object, self.splits)
+            made = resample_object(context, _holder(context), self.splits)
         except (SparseSurfaceError, MemoryError) as error:
             self.report({"ERROR"}, str(error) or rpt_("There is not enough memory for this number of faces."))
             return {"CANCELLED"}
+        settle([made], context)
         select_only(context, [made])
         mesh = made.data
         text = rpt_("'{}': {} vertices, {} faces")

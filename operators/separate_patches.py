@@ -6,6 +6,7 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Operator
 
 from ..solver.errors import SparseSurfaceError
+from .data.visibility import settle
 from .run.poll import SURFACE, needs
 
 
@@ -23,6 +24,7 @@ class SPARSE_SURFACE_OT_separate_patches(Operator):
 
         try:
             patches, gaps = separate_patches(context, context.active_object)
+            settle(patches.objects[:], context)
         except SparseSurfaceError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

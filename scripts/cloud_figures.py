@@ -8,7 +8,6 @@ from pathlib import Path
 import bpy
 import numpy as np
 from sparse_surface.benchmarks.generated_clouds import Cloud, airplane, ball, head, l_solid
-from sparse_surface.operators.data import base_mesh
 from sparse_surface.operators.data import meshes as mesh_data
 from sparse_surface.operators.data.colours import ColourScale
 from sparse_surface.operators.data.points import read_cloud
@@ -18,6 +17,7 @@ from sparse_surface.operators.heat_map.point_shapes import create_point_shapes
 from sparse_surface.solver import CloudSettings, Settings, run_to_end
 from sparse_surface.solver.interchange import CloudOutcome
 from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
+from sparse_surface.solver.reconstruction.made_base import make_base
 
 TOP_SHARE = 0.995
 """Share of the errors that the colours range over: a few points must not leave the rest in one colour."""
@@ -70,7 +70,7 @@ def cloud_point_errors(path: Path) -> None:
     """Render the points of a noisy sphere in the colours of their errors beside the base that was made from them."""
     cloud = ball(noise=0.005)
     shapes, surface, result, _ = reconstructed(cloud, "Ball", own_base=False)
-    base = base_mesh.make_base(cloud.points)
+    base = make_base(cloud.points)
     sizes = np.full(len(base.triangles), 3, dtype=np.int32)
     flat = _linked("Base", mesh_data.create_mesh("Base", base.vertices, base.triangles.ravel(), sizes))
     shapes["sparse_surface"] = surface["sparse_surface"]

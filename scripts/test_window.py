@@ -111,7 +111,8 @@ def event_options(script: Path) -> list[str]:
     With it Blender's main loop never sleeps: one core is busy however idle the window is.  So what measures time or
     load does without.
     """
-    return ["--enable-event-simulate"] if "driver.press(" in script.read_text(encoding="utf-8") else []
+    text = script.read_text(encoding="utf-8")
+    return ["--enable-event-simulate"] if "driver.press(" in text or "driver.click(" in text else []
 
 
 def blenders() -> list[Executable | ToolVersion]:

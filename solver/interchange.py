@@ -57,14 +57,14 @@ class MeshArrays:
 
 @dataclass(frozen=True)
 class CloudArrays:
-    """A point cloud over a base mesh as flat arrays.
+    """A point cloud as flat arrays, with the base mesh under it if one was chosen.
 
     Attributes
     ----------
     points
         (P, 3) positions in scene units.
     base_vertices
-        (V, 3) positions of the base mesh.
+        (V, 3) positions of the base mesh; none where the base is to be made from the points.
     corners, sizes
         Polygons of the base mesh: (C,) and (F,), as in `MeshArrays`.
     cloud
@@ -72,6 +72,8 @@ class CloudArrays:
     splits
         Into how many parts the base's edges are split where the surface is evaluated; 0 gives about as many vertices
         as there are points.
+    base_count
+        Wanted number of vertices of a base that is made; 0: one for every sixty points.
     """
 
     points: NDArray[np.float32]
@@ -80,6 +82,20 @@ class CloudArrays:
     sizes: NDArray[np.int32]
     cloud: CloudSettings = field(default_factory=CloudSettings)
     splits: int = 0
+    base_count: int = 0
+
+    @classmethod
+    def of_points(
+        cls, points: NDArray[np.float32], cloud: CloudSettings, splits: int = 0, base_count: int = 0
+    ) -> CloudArrays:
+        """Return a cloud without a base."""
+        none = np.zeros(0, dtype=np.int32)
+        return cls(points, np.zeros((0, 3), dtype=np.float32), none, none, cloud, splits, base_count)
+
+    @property
+    def has_base(self) -> bool:
+        """Whether a base was chosen."""
+        return len(self.sizes) > 0
 
     def polygons(self) -> list[Indices]:
         """Return the base's polygons as `reconstruct` takes them."""
@@ -108,6 +124,8 @@ class CloudOutcome:
         Measures, counts and times; plain values only.
     representation
         What evaluates the surface anywhere.
+    made_base
+        The base if it was made from the points: positions (V, 3) and triangles (T, 3).
     """
 
     vertices: NDArray[np.float32]
@@ -121,6 +139,7 @@ class CloudOutcome:
     splits: int
     report: dict[str, Any]
     representation: Representation
+    made_base: tuple[NDArray[np.float32], NDArray[np.int32]] | None = None
     history: None = None
 
 

@@ -9,7 +9,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, UILayout
 
-from ..operators.data.objects import selected_meshes
+from ..operators.data.objects import current_name, selected_meshes
 from ..operators.data.report_text import rows
 from ..operators.data.result_keys import read_report
 from ..operators.run import preloading
@@ -18,6 +18,7 @@ from ..operators.run.estimate import LARGE_MESH, estimate, vertex_count
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, remaining_text
+from ..operators.run.way_on import draw_way_on
 from ..operators.show_heat_map import shows_heat_map
 from ..solver.patch_methods import METHODS
 from .presets import SPARSE_SURFACE_PT_presets
@@ -81,6 +82,7 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         chosen = selected_meshes(context)
         text = iface_("Approximate") if len(chosen) < 2 else iface_("Approximate {} Meshes").format(len(chosen))
         button.operator("sparse_surface.approximate", text=text, icon="MOD_SMOOTH", translate=False)
+        draw_way_on(self.layout, context)
 
 
 class SPARSE_SURFACE_PT_domain(SubPanel, Panel):
@@ -161,7 +163,7 @@ class SPARSE_SURFACE_PT_output(SubPanel, Panel):
             column.prop(settings, "vertex_group")
         column.separator()
         column.prop(settings, "replace_result")
-        column.prop(settings, "hide_original")
+        column.prop(settings, "source_shown")
         column.prop(settings, "show_preview")
         kind = column.row()
         kind.active = settings.show_preview
@@ -223,7 +225,7 @@ def draw_progress(layout: UILayout, run: Run) -> None:
         column.label(text="Starting the solver")
     else:
         if run.current_source is not None:
-            column.label(text=run.current_source.name, icon="OUTLINER_OB_MESH", translate=False)
+            column.label(text=current_name(run.current_source), icon="OUTLINER_OB_MESH", translate=False)
         column.progress(factor=run.progress.fraction, text=f"{run.progress.fraction:.0%}")
         column.label(text=run.progress.stage)
         if run.progress.detail:

@@ -200,10 +200,20 @@ class SparseSurfaceSettings(PropertyGroup):
         description="Put the new surface into the object that holds this source's earlier result, if there is one",
         default=True,
     )
-    hide_original: BoolProperty(
-        name="Hide Original",
-        description="Hide the source object in the viewport once its result exists",
-        default=False,
+    source_shown: EnumProperty(
+        name="Source",
+        description="What happens to the source once its result exists",
+        items=(
+            (
+                "HIDDEN",
+                "Hide",
+                "Hide it in the viewport and leave it out of renders: two surfaces in one place flicker. "
+                "Show Source brings it back",
+            ),
+            ("BESIDE", "Side by Side", "Keep it and put the result at its right"),
+            ("SHOWN", "Keep Visible", "Keep it as it is, with the result in the same place"),
+        ),
+        default="HIDDEN",
     )
     show_preview: BoolProperty(
         name="Live Preview",

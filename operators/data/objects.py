@@ -2,22 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import bpy
 from bpy.types import Collection, Context, Mesh, Object
 
+from .origins import earlier, note_origin, source_of, was_made
 from .viewports import join_local_views
+from .visibility import BESIDE, HIDDEN
+
+
+def chosen_objects(context: Context) -> list[Object]:
+    """Return the selected objects; where there is none, the active one if it was hidden for its result.
+
+    Blender selects no hidden object, but the outliner and scripts make it active.
+    """
+    chosen = list(context.selected_objects)
+    active = context.view_layer.objects.active
+    return [active] if not chosen and active is not None and HIDDEN in active else chosen
 
 
 def selected_meshes(context: Context) -> list[Object]:
-    """Return the selected mesh objects, sorted by name so that their order does not depend on the scene's."""
-    return sorted((o for o in context.selected_objects if o.type == "MESH"), key=lambda o: o.name)
+    """Return the chosen mesh objects, sorted by name so that their order does not depend on the scene's."""
+    return sorted((o for o in chosen_objects(context) if o.type == "MESH"), key=lambda o: o.name)
 
 
 def selected_points(context: Context) -> Object | None:
     """Return the object whose points to reconstruct: the active one, or another selected one if that is the base."""
     base = context.scene.sparse_surface.reconstruction.base
-    chosen = sorted(context.selected_objects, key=lambda o: (o != context.active_object, o.name))
-    return next((o for o in chosen if o.type in {"MESH", "POINTCLOUD"} and o != base), None)
+    chosen = sorted(chosen_objects(context), key=lambda o: (o != context.active_object, o.name))
+    found = next((o for o in chosen if o.type in {"MESH", "POINTCLOUD"} and o != base), None)
+    return found and (last_source(found, _has_points) or found)
+
+
+def source_to_solve(chosen: Object) -> Object | None:
+    """Return the mesh that is approximated where an object is selected: what a result was made from, or the object.
+
+    None where what it was made from is gone.  A surface of points is itself a mesh to approximate.
+    """
+    if was_made(chosen) and source_of(chosen) is None:
+        return None
+    return last_source(chosen, has_faces) or chosen
+
+
+def last_source(made: Object, suits: Callable[[Object], bool]) -> Object | None:
+    """Return the first object in the line of those that an object was made from, of those that suit."""
+    found, current, seen = None, source_of(made), {made}
+    while current is not None and current not in seen and suits(current):
+        found = current
+        seen.add(current)
+        current = source_of(current)
+    return found
+
+
+def has_faces(candidate: Object) -> bool:
+    """Whether an object is a mesh that has faces, or may get some from its modifiers."""
+    return candidate.type == "MESH" and bool(candidate.data.polygons or candidate.modifiers)
+
+
+def _has_points(candidate: Object) -> bool:
+    return candidate.type in {"MESH", "POINTCLOUD"}
 
 
 def find_object(session_uid: int) -> Object | None:
@@ -25,24 +70,39 @@ def find_object(session_uid: int) -> Object | None:
     return next((candidate for candidate in bpy.data.objects if candidate.session_uid == session_uid), None)
 
 
-def create_object(name: str, mesh: Mesh, beside: Object, context: Context, *, instead: str = "") -> Object:
-    """Make an object of a mesh in the place of another object.
+def current_name(source: Any) -> str:
+    """Return the name of the object that a `Source` or `CloudSource` was read from, as it is called now."""
+    found = find_object(source.session_uid)
+    return found.name if found is not None else str(source.name)
+
+
+def create_object(
+    name: str, mesh: Mesh, source: Object, context: Context, *, role: str = "", replace: bool = False
+) -> Object:
+    """Make an object of a mesh in the place of its source.
 
     Parameters
     ----------
-    instead
-        Custom property that marks objects of an earlier run: if one of them has this name, it gets the mesh.
+    role
+        What the object is to its source; empty for one that is not to be found again.
+    replace
+        Give the mesh to the object that has this role already, if there is one.
     """
-    earlier = bpy.data.objects.get(name) if instead else None
-    if earlier is not None and earlier.type == "MESH" and instead in earlier and earlier.library is None:
-        made, old, earlier.data = earlier, earlier.data, mesh
+    made = earlier(source, role) if role and replace else None
+    if made is not None and made.type == "MESH":
+        old, made.data = made.data, mesh
         if old.users == 0:
             bpy.data.meshes.remove(old)
-        mesh.name = name
+        mesh.name = made.name
+        made.pop(BESIDE, None)
+        if not made.users_scene:  # deleted, but something still refers to it
+            _link_beside(made, source, context)
     else:
         made = bpy.data.objects.new(name, mesh)
-        _link_beside(made, beside, context)
-    _place_like(made, beside)
+        _link_beside(made, source, context)
+    _place_like(made, source)
+    if role:
+        note_origin(made, source, role)
     return made
 
 
@@ -85,10 +145,13 @@ def marked_objects(mark: str) -> list[Object]:
 
 def remove_marked(mark: str) -> None:
     """Remove the objects with a custom property, and their meshes if nothing else uses them."""
-    marked = marked_objects(mark)
-    meshes = {candidate.data for candidate in marked if candidate.type == "MESH"}
-    for candidate in marked:
-        bpy.data.objects.remove(candidate)
+    remove_objects(marked_objects(mark))
+
+
+def remove_objects(objects: Sequence[Object]) -> None:
+    """Remove objects, and their meshes if nothing else uses them."""
+    meshes = {candidate.data for candidate in objects if candidate.type == "MESH"}
+    bpy.data.batch_remove(objects)
     for mesh in meshes:
         if mesh.users == 0:
             bpy.data.meshes.remove(mesh)

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from ...solver.errors import InputError
 from ...solver.interchange import CloudArrays
-from ...solver.reconstruction.reconstruct import checked_points
 from ...solver.settings import CloudSettings
 from .attributes import read
-from .base_mesh import make_base
 from .meshes import WorldLengths, check_is_mesh, read_polygons, read_positions
 
 
@@ -30,15 +28,12 @@ class CloudSource:
         Points and base in the points' own axes, stretched to world lengths.
     lengths
         Leads from local positions to those of `arrays`.
-    made_base
-        Whether the base was made from the points, and not chosen.
     """
 
     name: str
     session_uid: int
     arrays: CloudArrays
     lengths: WorldLengths
-    made_base: bool
 
 
 def read_points(source: Object, depsgraph: Depsgraph) -> tuple[NDArray[np.float32], WorldLengths]:
@@ -77,7 +72,7 @@ def local_points(source: Object, depsgraph: Depsgraph) -> NDArray[np.float32]:
 def read_cloud(
     context: Context, points: Object, base: Object | None, base_vertices: int, cloud: CloudSettings, splits: int
 ) -> CloudSource:
-    """Read points and base; the base is made where none is given.
+    """Read points and base; where none is given, what solves makes one.
 
     Parameters
     ----------
@@ -88,20 +83,16 @@ def read_cloud(
 
     Raises
     ------
-    SparseSurfaceError
-        When there are too few points, or no base can be made of them.
+    InputError
+        When an object has no points, or the base no faces.
     """
     depsgraph = context.evaluated_depsgraph_get()
     positions, lengths = read_points(points, depsgraph)
-    checked_points(positions)
     if base is None:
-        made = make_base(positions, base_vertices)
-        vertices, corners = made.vertices.astype(np.float32), made.triangles.astype(np.int32).ravel()
-        sizes = np.full(len(made.triangles), 3, dtype=np.int32)
+        arrays = CloudArrays.of_points(positions, cloud, splits, base_vertices)
     else:
-        vertices, corners, sizes = _read_base(base, points, lengths, depsgraph)
-    arrays = CloudArrays(positions, vertices, corners, sizes, cloud, splits)
-    return CloudSource(points.name, points.session_uid, arrays, lengths, base is None)
+        arrays = CloudArrays(positions, *_read_base(base, points, lengths, depsgraph), cloud, splits)
+    return CloudSource(points.name, points.session_uid, arrays, lengths)
 
 
 def _read_base(

@@ -15,8 +15,9 @@ def one_line(name: str, report: Report) -> str:
     given = report["input"]
     size = f"{given['points']} points over {given['vertices']} vertices" if "points" in given else None
     size = size or f"{given['vertices']} vertices"
+    early = ", ended early" if report.get("ended_early") else ""
     said = "; ".join([quality(report), *warnings(report)])
-    return f"{name}: {size}, {said}; {report['seconds']['total']:.1f} s"
+    return f"{name}: {size}, {said}; {report['seconds']['total']:.1f} s{early}"
 
 
 def quality(report: Report) -> str:
@@ -107,6 +108,7 @@ def rows(report: Report) -> list[tuple[str, Any]]:
         ("Flipped triangles", report["flipped_triangles"]),
         ("Largest seam", report["seam_max"]),
         ("Seconds", report["seconds"]["total"]),
+        *([("Ended early", "yes")] if report.get("ended_early") else []),
     ]
 
 

@@ -16,6 +16,7 @@ from . import attributes
 from .colours import ColourScale
 from .meshes import Source, create_mesh, mark_sharp, same_topology, set_positions
 from .objects import create_object, find_object
+from .origins import BASE, POINT_ERRORS, RESULT
 from .result_keys import (
     DOMAIN_STRETCH,
     ERROR,
@@ -32,6 +33,7 @@ from .result_keys import (
     result_name,
 )
 from .shape_keys import add_iteration_keys
+from .visibility import readable
 
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
@@ -40,11 +42,17 @@ if TYPE_CHECKING:
 
 
 def create_result(
-    context: Context, source: Source, result: Approximation, scale: ColourScale, *, replace: bool = False
+    context: Context,
+    source: Source,
+    result: Approximation,
+    scale: ColourScale,
+    *,
+    role: str = RESULT,
+    replace: bool = False,
 ) -> Object:
     """Make the result object: a copy of the source's mesh with moved vertices, attributes and report.
 
-    With `replace`, an earlier result of the same source gets the new mesh instead.
+    With `replace`, what the same source had in this `role` before gets the new mesh instead.
 
     Raises
     ------
@@ -54,7 +62,7 @@ def create_result(
     made_from, mesh = copy_source(source, context)
     name = mesh.name = result_name(made_from.name)
     set_positions(mesh, source.lengths.to_local(result.vertices))
-    made = create_object(name, mesh, made_from, context, instead=REPORT if replace else "")
+    made = create_object(name, mesh, made_from, context, role=role, replace=replace)
     _rename_groups(made)
     if result.history is not None:
         add_iteration_keys(made, np.stack([source.lengths.to_local(points) for points in result.history]))
@@ -80,7 +88,7 @@ def create_surface(
     name = result_name(points.name)
     mesh = create_mesh(name, source.lengths.to_local(result.vertices), result.corners, result.sizes)
     _shade_smooth(mesh)
-    made = _beside_points(context, points, name, mesh, replace)
+    made = _beside_points(context, points, name, mesh, RESULT, replace)
     made[SPLITS] = [result.splits, len(result.vertices), len(result.sizes)]
     _put(made, source, result, scale)
     return made
@@ -93,19 +101,26 @@ def create_point_errors(
     points = _points_object(source)
     name = cut_name(points.name, " Point Errors")
     mesh = create_mesh(name, source.lengths.to_local(source.arrays.points))
-    made = _beside_points(context, points, name, mesh, replace)
+    made = _beside_points(context, points, name, mesh, POINT_ERRORS, replace)
     attributes.write(mesh, {WEIGHT: result.point_weight})
     write_error(made, result.point_error, scale)
     return made
 
 
-def create_base(context: Context, source: CloudSource, *, replace: bool = False) -> Object:
-    """Make an object of the base that was made from the points."""
+def create_base(
+    context: Context,
+    source: CloudSource,
+    vertices: NDArray[np.float32],
+    triangles: NDArray[np.int32],
+    *,
+    replace: bool = False,
+) -> Object:
+    """Make an object of the base that was made from the points: positions (V, 3) and triangles (T, 3)."""
     points = _points_object(source)
     name = cut_name(points.name, " Base")
-    arrays = source.arrays
-    mesh = create_mesh(name, source.lengths.to_local(arrays.base_vertices), arrays.corners, arrays.sizes)
-    made = _beside_points(context, points, name, mesh, replace)
+    sizes = np.full(len(triangles), 3, dtype=np.int32)
+    mesh = create_mesh(name, source.lengths.to_local(vertices), triangles.ravel(), sizes)
+    made = _beside_points(context, points, name, mesh, BASE, replace)
     made.display_type = "WIRE"
     made.hide_render = True
     return made
@@ -130,7 +145,8 @@ def copy_source(source: Source, context: Context) -> tuple[Object, Mesh]:
         raise InputError(f"'{source.name}' was deleted while it was being approximated; its result is dropped.")
     if made_from.mode == "EDIT":
         made_from.update_from_editmode()
-    mesh = _copy_mesh(made_from, source.evaluated, context)
+    with readable([made_from], context):
+        mesh = _copy_mesh(made_from, source.evaluated, context)
     if not same_topology(source.arrays, mesh):
         bpy.data.meshes.remove(mesh)
         raise InputError(f"'{made_from.name}' was edited while it was being approximated; its result is dropped.")
@@ -181,8 +197,8 @@ def _rename_groups(made: Object) -> None:
             made.vertex_groups[name].name = attributes.OF_USER.format(name)
 
 
-def _beside_points(context: Context, points: Object, name: str, mesh: Mesh, replace: bool) -> Object:
-    made = create_object(name, mesh, points, context, instead=MADE_FROM if replace else "")
+def _beside_points(context: Context, points: Object, name: str, mesh: Mesh, role: str, replace: bool) -> Object:
+    made = create_object(name, mesh, points, context, role=role, replace=replace)
     made[MADE_FROM] = points.name
     return made
 

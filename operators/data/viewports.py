@@ -34,5 +34,11 @@ def join_local_views(made: Object, beside: Object, context: Context) -> None:
     """Add an object to each local view that shows another."""
     for area in viewports(context):
         view = area.spaces.active
-        if view.local_view is not None and is_shown_in(view, beside, context):
+        if view.local_view is not None and _is_local_to(view, beside, context):
             made.local_view_set(view, True)
+
+
+def _is_local_to(view: SpaceView3D, placed: Object, context: Context) -> bool:
+    depsgraph = context.view_layer.depsgraph
+    # Also where the object is hidden; Blender 4 knows it of evaluated objects only.
+    return depsgraph is not None and bool(placed.evaluated_get(depsgraph).local_view_get(view))

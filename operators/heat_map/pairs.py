@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bpy.types import Context, Object
-from mathutils import Matrix, Vector
 
 from ..data.colours import ColourScale
-from ..data.result_keys import cut_name
+from ..data.objects import current_name
+from ..data.origins import COMPARED
+from ..data.result_keys import cut_name, result_name
 from ..data.results import create_result
+from ..data.visibility import stand_beside
 from .scale import colour_scale
 
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
-
-SPACE = 0.15
-"""Space between the objects, relative to the source's width."""
 
 Solved = tuple[Any, Any]
 """A `Source` with its `Approximation`."""
@@ -59,21 +58,15 @@ def make_pair(
         When the source was removed or edited since it was read.
     """
     made = []
-    for place, ((source, result), title) in enumerate(zip(done, titles, strict=True)):
-        shown = create_result(context, source, result, scale)
-        shown.name = cut_name(shown.name, f" {place + 1} {title}")
+    replace = context.scene.sparse_surface.replace_result
+    for place, ((source, result), title, role) in enumerate(zip(done, titles, COMPARED, strict=True), 1):
+        shown = create_result(context, source, result, scale, role=role, replace=replace)
+        shown.name = cut_name(result_name(current_name(source)), f" {place} {title}")
         shown.data.name = shown.name
         if beside:
-            shift = Vector(((place + 1) * (1.0 + SPACE) * _width(context, shown), 0.0, 0.0))
-            shown.matrix_world = Matrix.Translation(shift) @ shown.matrix_world
+            stand_beside([shown], context, place)
         made.append(shown)
     return made
-
-
-def _width(context: Context, shown: Object) -> float:
-    context.view_layer.update()
-    along = [(shown.matrix_world @ Vector(corner)).x for corner in shown.bound_box]
-    return max(along) - min(along)
 
 
 def _title(choice: str, result: Approximation) -> str:

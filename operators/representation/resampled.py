@@ -15,6 +15,7 @@ from ..data.attributes import read
 from ..data.colours import ColourScale
 from ..data.meshes import create_mesh, loose_edges, read_positions
 from ..data.objects import create_object
+from ..data.origins import RESAMPLED
 from ..data.result_keys import ERROR, SCALE, SPLITS, cut_name
 from ..data.results import write_error
 from ..heat_map.scale import colour_scale
@@ -38,7 +39,8 @@ def resample_object(context: Context, holder: Object, splits: int) -> Object:
     loose = loose_edges(holder.data) if on_source else None
     local = place.to_local(resampled.vertices)
     mesh = create_mesh(name, local, resampled.corners, resampled.sizes, loose)
-    made = create_object(name, mesh, holder, context)
+    replace = context.scene.sparse_surface.replace_result
+    made = create_object(name, mesh, holder, context, role=RESAMPLED, replace=replace)
     error: NDArray[np.floating[Any]]
     if on_source:
         carry_layers(holder, made, resampled)

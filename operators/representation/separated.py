@@ -14,6 +14,8 @@ from ...solver.surface.overlaps import overlap_gaps
 from ...solver.surface.representation import Representation
 from ..data import attributes
 from ..data.meshes import triangle_mesh
+from ..data.objects import remove_objects
+from ..data.origins import PATCH, ROLE, made_from, note_origin
 from ..data.result_keys import GAP, cut_name
 from .stored import placement, read_representation
 
@@ -39,13 +41,26 @@ def separate_patches(context: Context, holder: Object) -> tuple[Collection, dict
     place = placement(holder, representation)
     gaps = overlap_gaps(representation)
     points = place.to_local(representation.at_patch_vertices)
+    if context.scene.sparse_surface.replace_result:
+        _remove_earlier(holder)
     collection = bpy.data.collections.new(cut_name(holder.name, " Patches"))
     context.scene.collection.children.link(collection)
     for patch in range(representation.patches):
         made = _patch_object(representation, points, gaps, patch, holder.name)
         collection.objects.link(made)
         made.matrix_world = holder.matrix_world
+        note_origin(made, holder, PATCH)
     return collection, statistics(gaps[gaps > 0.0])
+
+
+def _remove_earlier(holder: Object) -> None:
+    """Remove the patches of an earlier separation, and the collections that this leaves empty."""
+    patches = [made for made in made_from(holder) if made.get(ROLE) == PATCH]
+    collections = {collection for patch in patches for collection in patch.users_collection}
+    remove_objects(patches)
+    for collection in collections:
+        if collection != bpy.context.scene.collection and not (collection.objects or collection.children):
+            bpy.data.collections.remove(collection)
 
 
 def _patch_object(

@@ -11,6 +11,8 @@ import bpy
 from bpy.types import Context, Timer
 
 from ...solver.settings import Settings
+from ..data.objects import current_name
+from .watch import Watch
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,6 +22,16 @@ if TYPE_CHECKING:
     from ...solver.progress import Progress
     from ..data.meshes import Source
     from ..data.points import CloudSource
+
+
+WITHOUT_SURFACE = {
+    "Reading the mesh",
+    "Parameterising patches",
+    "Looking at the points",
+    "Fitting the base",
+    "Choosing the patches",
+}
+"""Stages of the progress that have no surface yet which could be kept."""
 
 
 class Preview(Protocol):
@@ -51,6 +63,8 @@ class Run:
         What is solved, with its source.
     refusals
         One sentence for each object that has no result.
+    dropped
+        One sentence for each object that was deleted or edited meanwhile.
     progress
         The solver's last message, its fraction that of the whole run.
     started
@@ -67,6 +81,7 @@ class Run:
     preview: Preview | None = None
     results: list[tuple[Any, Any]] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
     progress: Progress | None = None
     finishing: bool = False
     waiting: bool = False
@@ -77,6 +92,10 @@ class Run:
     sidebars_behind: bool = False
     _begun: int = 0
     _job: Job | None = None
+    _watch: Watch = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._watch = Watch(source for source, _ in self.tasks)
 
     @property
     def done(self) -> bool:
@@ -89,7 +108,13 @@ class Run:
         return self.tasks[self._begun - 1][0] if self._job is not None else None
 
     def advance(self) -> Progress | None:
-        """Take what the child reports, start the next one when it is done; return new progress, if any."""
+        """Take what the child reports, start the next one when it is done; return new progress, if any.
+
+        What was deleted or edited since it was read is dropped.
+        """
+        for session_uid, sentence in self._watch.lost().items():
+            self._drop(session_uid)
+            self.dropped.append(sentence)
         if self._job is None and self._begun < len(self.tasks):
             self._start_next()
         if self._job is None:
@@ -104,18 +129,41 @@ class Run:
             self._take_result(self._job)
         return said
 
+    @property
+    def has_surface(self) -> bool:
+        """Whether the current object has a surface already."""
+        return self.progress is not None and self.progress.stage not in WITHOUT_SURFACE
+
+    @property
+    def can_finish(self) -> bool:
+        """Whether there is anything to be kept: a surface that is being refined, or a result."""
+        return not (self.finishing or self.done) and (self.has_surface or bool(self.results))
+
     def finish(self) -> None:
-        """Keep the best result so far: end the current object early and start no other."""
+        """Keep the best result so far: end the current object early and start no other.
+
+        An object without any surface yet is left out.
+        """
         self.finishing = True
         del self.tasks[self._begun :]
-        if self._job is not None:
+        if self._job is not None and self.has_surface:
             self._job.finish()
+        else:
+            self.stop()
 
     def stop(self) -> None:
-        """End the child and forget every result."""
+        """End the child; the object that it works on gets no result."""
         job, self._job = self._job, None
         if job is not None:
             job.stop()
+
+    def _drop(self, session_uid: int) -> None:
+        """Forget the tasks and results of an object; end the child if it works on that."""
+        if self.current_source is not None and self.current_source.session_uid == session_uid:
+            self.stop()
+        waiting = [task for task in self.tasks[self._begun :] if task[0].session_uid != session_uid]
+        self.tasks[self._begun :] = waiting
+        self.results = [each for each in self.results if each[0].session_uid != session_uid]
 
     def remaining_seconds(self) -> float | None:
         """Return how long the rest takes at the speed so far, once that is known."""
@@ -129,6 +177,8 @@ class Run:
 
         source, settings = self.tasks[self._begun]
         self._begun += 1
+        if self.progress is not None:
+            self.progress = replace(self.progress, stage="Reading the mesh", detail="")
         self._job = Job((sys.executable, *bpy.app.python_args))
         self._job.start(source.arrays, settings, previews=self.preview is not None)
 
@@ -137,5 +187,5 @@ class Run:
         if job.outcome is not None:
             self.results.append((source, job.outcome))
         else:
-            self.refusals.append(f"'{source.name}': {job.failure}")
+            self.refusals.append(f"'{current_name(source)}': {job.failure}")
         self.stop()

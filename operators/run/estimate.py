@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +12,27 @@ from ...solver.patch_methods import METHODS
 from ...solver.settings import Settings
 
 if TYPE_CHECKING:
-    from bpy.types import Context, Object
+    from bpy.types import Context, Mesh, Object
 
 LARGE_MESH = 300_000
 """Vertices beyond which the user is warned."""
 
-COVER_EFFICIENCY = 0.5
-"""Share of a centre's (k - 1)-ring that no other patch covers; measured on CAD parts and scans alike."""
+COVER_EFFICIENCY = 0.47, 0.3
+"""Share of a centre's (k - 1)-ring that no other patch covers, a + b / k; measured on spheres and sheets."""
+
+BORDER = 0.8
+"""Part of the (k - 1) rings by which patches reach over each end of a sheet."""
+
+FEWEST_ON_CLOSED = 6
+"""Patches on a closed mesh whose rings nearly reach around it."""
+
+FEWEST_VERTICES = 19
+"""Vertices within two rings where six edges meet; a mesh with fewer has only patches of one ring."""
+
+SECONDS_PER_POINT, SECONDS_PER_BASE_POINT = 2.5e-4, 1.5e-4
+"""For each point of a cloud: to reconstruct at the default settings, and to make the base."""
+
+POINTS_PER_PATCH = 60
 
 MEGABYTES_PER_THOUSAND_VERTICES = 4.0
 
@@ -27,30 +42,86 @@ KERNEL_SHARE = 0.4
 _seconds_per_work = 4.0e-7
 """Of a common desktop processor; replaced by what the last run took on this machine."""
 
+_cloud_speed = 1.0
+"""How many times as long as on that processor the last cloud took."""
+
 
 @dataclass(frozen=True)
 class Estimate:
-    """What to expect of a run."""
+    """What to expect of a run.
+
+    Attributes
+    ----------
+    patches, seconds, gigabytes
+        About how many patches, how long, and how much memory.
+    at_least
+        Whether a tolerance may ask for more patches and more time, which only the run can tell.
+    """
 
     patches: int
     seconds: float
     gigabytes: float
+    at_least: bool = False
+
+    def __add__(self, other: Estimate) -> Estimate:
+        return Estimate(
+            self.patches + other.patches,
+            self.seconds + other.seconds,
+            max(self.gigabytes, other.gigabytes),
+            self.at_least or other.at_least,
+        )
 
 
-def estimate(vertices: int, settings: Settings) -> Estimate:
-    """Estimate a run on a mesh with this number of vertices."""
+def estimate(vertices: int, settings: Settings, *, closed: bool = True) -> Estimate:
+    """Estimate a run on a mesh with this number of vertices, with a border or closed."""
+    denoises_only = settings.denoise == "only"
     return Estimate(
-        patches=0 if settings.denoise == "only" else _patches(vertices, settings.ring),
+        patches=0 if denoises_only else _patches(vertices, settings.ring, closed),
         seconds=_work(vertices, settings) * _seconds_per_work,
         gigabytes=vertices * MEGABYTES_PER_THOUSAND_VERTICES * 1e-6,
+        at_least=settings.tolerance > 0.0 and not denoises_only,
     )
+
+
+def estimate_cloud(points: int, base_vertices: int = 0) -> Estimate:
+    """Estimate a reconstruction at the default settings.
+
+    Parameters
+    ----------
+    points
+        How many there are.
+    base_vertices
+        Vertices of the chosen base, each with a patch; 0: a base is made.
+    """
+    seconds = SECONDS_PER_POINT + (0.0 if base_vertices else SECONDS_PER_BASE_POINT)
+    return Estimate(
+        patches=base_vertices or max(round(points / POINTS_PER_PATCH), 1),
+        seconds=points * seconds * _cloud_speed,
+        gigabytes=points * MEGABYTES_PER_THOUSAND_VERTICES * 1e-6,
+    )
+
+
+def estimate_meshes(chosen: Sequence[Object], context: Context) -> Estimate:
+    """Estimate a run on mesh objects with the scene's settings; cheap enough for every redraw."""
+    settings = context.scene.sparse_surface.to_settings()
+    each = (estimate(vertex_count(one, context), settings, closed=seems_closed(one, context)) for one in chosen)
+    return sum(each, Estimate(0, 0.0, 0.0))
+
+
+def coarse_meshes(chosen: Sequence[Object], context: Context) -> list[Object]:
+    """Return the mesh objects that are too coarse to be approximated: every vertex would get a patch of its own."""
+    return [one for one in chosen if vertex_count(one, context) < FEWEST_VERTICES]
 
 
 def learn(report: Mapping[str, Any]) -> None:
     """Take the speed of this machine from the report of a run; runs of less than half a second say nothing."""
-    global _seconds_per_work
+    global _seconds_per_work, _cloud_speed
     seconds = report["seconds"]["total"]
-    if seconds > 0.5:
+    if seconds <= 0.5:
+        return
+    if "points" in report["input"]:
+        _cloud_speed = seconds / (report["input"]["points"] * SECONDS_PER_POINT)
+    elif "tolerance" not in report:  # how many patches that took says nothing of the machine
         _seconds_per_work = seconds / _work(report["input"]["vertices"], Settings.from_dict(report["settings"]))
 
 
@@ -59,15 +130,40 @@ def vertex_count(chosen: Object, context: Context) -> int:
 
     Modifiers count as last evaluated: drawing a panel must not evaluate anything.
     """
+    return len(_mesh(chosen, context).vertices)
+
+
+def seems_closed(chosen: Object, context: Context) -> bool:
+    """Whether the Euler number of a mesh object is that of a closed surface, not of a disk; as cheap."""
+    mesh = _mesh(chosen, context)
+    return (len(mesh.vertices) - len(mesh.edges) + len(mesh.polygons)) % 2 == 0
+
+
+def _mesh(chosen: Object, context: Context) -> Mesh:
     depsgraph = context.view_layer.depsgraph
     if context.scene.sparse_surface.use_modifiers and depsgraph is not None and chosen.mode == "OBJECT":
-        return len(chosen.evaluated_get(depsgraph).data.vertices)
-    return len(chosen.data.vertices)
+        return chosen.evaluated_get(depsgraph).data
+    return chosen.data
 
 
-def _patches(vertices: int, ring: int) -> int:
-    inner = 1 + 3 * ring * (ring - 1)  # vertices of a (k - 1)-ring where six edges meet
-    return max(1, round(vertices / (COVER_EFFICIENCY * inner)))
+def _patches(vertices: int, ring: int, closed: bool) -> int:
+    if closed:  # a ring that reaches around the mesh is no disk; smaller ones are taken
+        ring = max(1, min(ring, int(math.sqrt(vertices / 3.0 + 0.25) - 0.5)))
+    if ring == 1:
+        return vertices
+    # a sheet is covered as if it reached beyond its border
+    covered = vertices if closed else (math.sqrt(vertices) + BORDER * (ring - 1)) ** 2
+    patches = round(covered / (_efficiency(ring) * _inner(ring)))
+    return min(max(patches, FEWEST_ON_CLOSED if closed else 1), vertices)
+
+
+def _inner(ring: int) -> int:
+    """Vertices of a (k - 1)-ring where six edges meet."""
+    return 1 + 3 * ring * (ring - 1)
+
+
+def _efficiency(ring: int) -> float:
+    return COVER_EFFICIENCY[0] + COVER_EFFICIENCY[1] / ring
 
 
 def _work(vertices: int, settings: Settings) -> float:
@@ -79,9 +175,7 @@ def _work(vertices: int, settings: Settings) -> float:
         return _work(vertices, Settings(solver="numpy"))
     if settings.denoise == "first":
         return _work(vertices, Settings(solver="numpy")) + _work(vertices, replace(settings, denoise="off"))
-    overlap = (1 + 3 * settings.ring * (settings.ring + 1)) / (
-        COVER_EFFICIENCY * (1 + 3 * settings.ring * (settings.ring - 1))
-    )
+    overlap = _inner(settings.ring + 1) / (_efficiency(settings.ring) * _inner(settings.ring))
     domains = 0.5 + 0.5 * settings.channels  # measured: three domains take about twice as long as one
     steps = METHODS[settings.method].work(settings.iterations, settings.sweeps)
     functions = settings.sparsity * (1.0 + ((settings.degree + 1) * (settings.degree + 2) / 2) / 120)

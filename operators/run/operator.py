@@ -13,8 +13,9 @@ from bpy.types import Context, Event, Object
 
 from ...solver.errors import SparseSurfaceError
 from ...solver.settings import Settings
-from ..data.objects import find_object, select_only
+from ..data.objects import current_name, select_only, source_to_solve
 from ..data.report_text import one_line
+from ..data.visibility import readable, settle
 from . import estimate
 from .control import Preview, Run
 from .preferences import preferred_workers
@@ -99,7 +100,7 @@ class SolverOperator:
 
     def modal(self, context: Context, event: Event) -> set[str]:
         run = self._run
-        if run is not None and session.current is run and event.type == "ESC" and event.value == "PRESS":
+        if run is not None and session.current is run and means_to_cancel(context, event):
             session.stop()
         if run is None or session.current is not run:
             self.report({"INFO"}, rpt_("Approximation cancelled"))
@@ -120,12 +121,14 @@ class SolverOperator:
     def _step(self, context: Context, run: Run) -> set[str]:
         previewed = self._preview(context, run, run.advance())
         # Undo would lose an object that is made outside of Object Mode.
-        run.waiting = run.done and context.mode != "OBJECT"
+        run.waiting = run.done and bool(run.results) and context.mode != "OBJECT"
         if not run.done or run.waiting:
             if not previewed:  # both in one redraw would block the window for longer
                 show_progress(context, run)
             return {"PASS_THROUGH"}
-        session.stop()
+        session.stop("\n".join(run.dropped))
+        for sentence in run.dropped:
+            self.report({"WARNING"}, sentence)
         return self._conclude(context, run.results, run.refusals)
 
     @staticmethod
@@ -149,9 +152,14 @@ class SolverOperator:
         return {"FINISHED"}
 
     def make_each(
-        self, make: Callable[[Any, Any], Object], context: Context, done: Sequence[Solved], refusals: list[str]
+        self,
+        make: Callable[[Any, Any], Object],
+        context: Context,
+        done: Sequence[Solved],
+        refusals: list[str],
+        others: Sequence[Object] = (),
     ) -> list[Object]:
-        """Make an object of each result by `make(source, result)`, and hide the originals where the scene says so."""
+        """Make an object of each result by `make(source, result)`, and show it instead of its source and `others`."""
         made = []
         for source, result in done:
             try:
@@ -159,17 +167,31 @@ class SolverOperator:
             except SparseSurfaceError as error:
                 refusals.append(str(error))
                 continue
-            original = find_object(source.session_uid)
-            if context.scene.sparse_surface.hide_original and original is not None:
-                original.hide_set(True)
-            self.say_result(source.name, result.report)
+            settle([made[-1]], context, others)
+            self.say_result(current_name(source), result.report)
         return made
 
     def say_result(self, name: str, report: dict[str, Any]) -> None:
         """Report the result in one line, and remember how long it took."""
         self.report({"INFO"}, one_line(name, report))
-        if "points" not in report["input"]:  # clouds take another time for each vertex
+        if not report.get("ended_early"):  # such a run tells nothing of whole ones
             estimate.learn(report)
+
+
+def means_to_cancel(context: Context, event: Event) -> bool:
+    """Whether a key is ESC and meant for the run: pressed over a 3D viewport, in Object Mode, with nothing to stop.
+
+    Tools, menus and text fields take their own ESC before it comes here.
+    """
+    if (event.type, event.value) != ("ESC", "PRESS") or context.mode != "OBJECT":
+        return False
+    if any(window.screen.is_animation_playing for window in context.window_manager.windows):
+        return False
+    x, y = event.mouse_x, event.mouse_y
+    return any(
+        area.type == "VIEW_3D" and 0 <= x - area.x < area.width and 0 <= y - area.y < area.height
+        for area in context.window.screen.areas
+    )
 
 
 def scene_settings(context: Context) -> Settings:
@@ -179,18 +201,23 @@ def scene_settings(context: Context) -> Settings:
 
 
 def read_sources(context: Context, chosen: Sequence[Object]) -> tuple[list[Source], list[str]]:
-    """Read objects as the scene's settings ask; also return a sentence for each that is refused."""
+    """Read objects, or the sources of results, as the scene asks; also return a sentence for each that is refused."""
     from ..data.meshes import read_object
 
     settings = context.scene.sparse_surface
-    depsgraph = context.evaluated_depsgraph_get()
     how = {"evaluated": settings.use_modifiers, "vertex_group": settings.vertex_group}
-    sources, refusals = [], []
-    for candidate in chosen:
-        try:
-            sources.append(read_object(candidate, depsgraph, **how))
-        except SparseSurfaceError as error:
-            refusals.append(refusal(candidate.name, error, len(chosen)))
+    gone = rpt_("What '{}' was made from is gone. Press Use as Source to approximate it as it is.")
+    found = {candidate: source_to_solve(candidate) for candidate in chosen}
+    refusals = [gone.format(candidate.name) for candidate, source in found.items() if source is None]
+    wanted = list(dict.fromkeys(source for source in found.values() if source is not None))
+    sources = []
+    with readable(wanted, context):
+        depsgraph = context.evaluated_depsgraph_get()
+        for source in wanted:
+            try:
+                sources.append(read_object(source, depsgraph, **how))
+            except SparseSurfaceError as error:
+                refusals.append(refusal(source.name, error, len(chosen)))
     return sources, refusals
 
 

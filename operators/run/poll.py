@@ -8,7 +8,7 @@ from typing import Any
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context
 
-from ..data.objects import selected_meshes, selected_points
+from ..data.objects import chosen_objects, has_faces, selected_meshes, selected_points, source_to_solve
 from ..data.result_keys import has_patches, has_representation, read_report
 from .requirements import missing_packages
 from .session import session
@@ -54,16 +54,22 @@ def object_mode(context: Context) -> str:
 
 def meshes(context: Context) -> str:
     """At least one mesh with faces is selected."""
-    if not context.selected_objects:
+    if not chosen_objects(context):
         active = context.view_layer.objects.active
         if active is not None and not active.visible_get():  # Blender deselects what it hides
             return rpt_("'{}' is hidden: show it first").format(active.name)
         return rpt_("Select a mesh")
     chosen = selected_meshes(context)
+    if any(each.type == "POINTCLOUD" for each in chosen_objects(context)) and not chosen:
+        return rpt_("Points are selected: use Reconstruct")
     if not chosen:
         return rpt_("The selected object is not a mesh; convert it first (Object > Convert > Mesh)")
-    if not any(each.data.polygons or each.modifiers for each in chosen):
+    if not any(has_faces(each) for each in chosen):
+        if any(each.data.vertices for each in chosen):
+            return rpt_("The mesh has points and no faces: use Reconstruct")
         return rpt_("The mesh has no faces")
+    if all(source_to_solve(each) is None for each in chosen):
+        return rpt_("What the result was made from is gone: press Use as Source to approximate it as it is")
     return ""
 
 

@@ -9,6 +9,7 @@ import bpy
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context
 
+from ..data.objects import current_name
 from ..data.viewports import redraw_regions
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def status_text(run: Run) -> str:
         return rpt_("The surface is ready: return to Object Mode to receive it")
     if run.progress is None:
         return rpt_("Starting the solver")
-    name = run.current_source.name if run.current_source is not None else ""
+    name = current_name(run.current_source) if run.current_source is not None else ""
     parts = [name, run.progress.stage, run.progress.detail, f"{run.progress.fraction:.0%}", remaining_text(run)]
     return "  |  ".join(part for part in [*parts, rpt_("ESC: Cancel")] if part)
 

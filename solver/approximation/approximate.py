@@ -28,7 +28,7 @@ from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
 from .patched_surface import PatchedSurface, cover
 from .preview import Preview
-from .report import Stopwatch
+from .report import Stopwatch, noting_early_end
 from .result import Approximation
 from .runner import ChunkRunner, chunk_runner
 from .tolerance import ToleranceKept, keep_tolerance
@@ -105,12 +105,17 @@ def approximate_steps(
     given = MeshInput(np.asarray(vertices), faces, triangles, weights)
     vertex_count = len(given.positions) if given.positions.ndim else 0
     with chunk_runner(settings, vertex_count, executor) as runner:
-        if settings.denoise == "off":
-            return (yield from _approximate(given, settings, runner, watch))
-        start = 0.9 if settings.denoise == "only" else 0.4
-        with watch.stage("denoise"):
-            given = yield from within(remove_noise(given, settings), 0.0, start)
-        return (yield from within(_approximate(given, settings, runner, watch), start, 1.0))
+        return (yield from noting_early_end(_all_steps(given, settings, runner, watch)))
+
+
+def _all_steps(given: MeshInput, settings: Settings, runner: ChunkRunner, watch: Stopwatch) -> Steps[Approximation]:
+    """Denoise first if asked, then approximate."""
+    if settings.denoise == "off":
+        return (yield from _approximate(given, settings, runner, watch))
+    start = 0.9 if settings.denoise == "only" else 0.4
+    with watch.stage("denoise"):
+        given = yield from within(remove_noise(given, settings), 0.0, start)
+    return (yield from within(_approximate(given, settings, runner, watch), start, 1.0))
 
 
 def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watch: Stopwatch) -> Steps[Approximation]:

@@ -5,8 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol, TypeVar, cast
+
+from ..progress import FINISH, Steps
+
+COMPLETE = ("Blending", "Measuring")
+"""Stages of the progress in which nothing is left to be refined."""
 
 STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure")
 """The stages whose seconds every report has."""
@@ -45,6 +50,8 @@ class Report:
         Why NumPy fitted the patches; None where the compiled kernel did.
     seconds, peak_memory_mb, workers, representation_bytes
         Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
+    ended_early
+        True where `FINISH` was sent before the surface was refined to its end, else None.
 
     Examples
     --------
@@ -82,11 +89,42 @@ class Report:
     surface_to_points: dict[str, float] | None = None
     pieces: int | None = None
     euler: int | None = None
+    ended_early: bool | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as scripts and files have it: without what does not apply."""
         found = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
+
+
+class Reported(Protocol):
+    """A result with a report."""
+
+    @property
+    def measures(self) -> Report:
+        """Its report."""
+
+
+Result = TypeVar("Result", bound=Reported)
+
+
+def noting_early_end(steps: Steps[Result]) -> Steps[Result]:
+    """Relay a computation, and say in its result's report whether it was ended early."""
+    request, early = None, False
+    try:
+        while True:
+            try:
+                step = steps.send(request)
+            except StopIteration as end:
+                result: Result = end.value
+                break
+            request = yield step
+            early = early or (request == FINISH and step.stage not in COMPLETE)
+    finally:
+        steps.close()
+    if not early:
+        return result
+    return cast(Result, replace(cast(Any, result), measures=replace(result.measures, ended_early=True)))
 
 
 class Stopwatch:

@@ -9,7 +9,11 @@ from ..progress import Steps, within
 from ..settings import MOST_AUTOMATIC_SPLITS, Settings
 from ..surface.metrics import domain_jacobians, domain_stretch, strongest_patch
 from ..surface.resampling import resample_steps
+from .made_base import make_base_steps
 from .reconstruct import reconstruct_steps
+
+BASE_SHARE = 0.2
+"""Share of a run's time that making the base takes."""
 
 
 def automatic_splits(points: int, triangles: int) -> int:
@@ -21,9 +25,16 @@ def automatic_splits(points: int, triangles: int) -> int:
 
 
 def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
-    """Reconstruct, and evaluate the surface as a mesh."""
-    steps = reconstruct_steps(arrays.points, arrays.base_vertices, arrays.polygons(), settings, arrays.cloud)
-    result = yield from within(steps, 0.0, 0.97)
+    """Make a base where none is given, reconstruct, and evaluate the surface as a mesh."""
+    made, start = None, 0.0
+    vertices, polygons = arrays.base_vertices, arrays.polygons()
+    if not arrays.has_base:
+        start = BASE_SHARE
+        base = yield from within(make_base_steps(arrays.points, arrays.base_count), 0.0, start)
+        made = base.vertices.astype(np.float32), base.triangles.astype(np.int32)
+        vertices, polygons = made[0], list(base.triangles)
+    steps = reconstruct_steps(arrays.points, vertices, polygons, settings, arrays.cloud)
+    result = yield from within(steps, start, 0.97)
     representation = result.representation
     splits = arrays.splits or automatic_splits(len(arrays.points), len(representation.triangles))
     fine = yield from within(resample_steps(representation, splits), 0.97, 1.0)
@@ -41,4 +52,5 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
         splits=splits,
         report=result.report,
         representation=representation,
+        made_base=made,
     )

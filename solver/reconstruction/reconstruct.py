@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
 from ..approximation.measuring import Deviation, measure, measured_iterations
 from ..approximation.patched_surface import OscillationTest, PatchedSurface
-from ..approximation.report import Stopwatch
+from ..approximation.report import Stopwatch, noting_early_end
 from ..approximation.runner import ChunkRunner, chunk_runner
 from ..arrays import Array
 from ..errors import InputError
@@ -122,7 +122,7 @@ def reconstruct_steps(
     base = checked_base(base_vertices, base_faces)
     refuse_distant(checked, base)
     with chunk_runner(settings, len(checked), executor) as runner:
-        return (yield from _Work(checked, base, settings, cloud or CloudSettings(), runner).steps())
+        return (yield from noting_early_end(_Work(checked, base, settings, cloud or CloudSettings(), runner).steps()))
 
 
 def checked_points(points: ArrayLike) -> Array:

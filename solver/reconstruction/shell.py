@@ -12,9 +12,10 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Booleans, Indices
+from ..mesh.decimation import triangle_shapes
 from ..mesh.edges import connected_parts, edge_keys
-from ..mesh.normals import face_normals, unit
 from ..mesh.triangle_mesh import build_mesh
+from .level_set import Grid, level_set
 
 NEIGHBOURS, TREE_NEIGHBOURS = 24, 12
 WIDEST_GAP = np.radians(150.0)
@@ -34,10 +35,14 @@ on a straight border it is the centroid of a half disk, off by 4 / (3 pi) = 0.42
 SMALLEST_CAVITY = 1.5
 """A cavity smaller than a cube of this many ball radii does not show that the shell is closed."""
 
-FACING = 0.5
-"""Cosine of the angle between a shell's triangle and the cloud up to which the triangle belongs to a side."""
+SHEET_NEIGHBOURS, SHEET_REACH, NOISE_STEPS = 12, 3.5, 2.0
+"""Points whose planes decide the signed distance, steps of the grid within which it counts, and how much longer these
+are in noise, in standard deviations."""
 
 SMOOTHING_ROUNDS = 40
+
+WORST_SHAPE, SLIVER_ROUNDS = 0.2, 8
+"""A triangle at the border is left out below this shape, of 1 for an equilateral one; rounds of looking for them."""
 
 
 def parts(triangles: Indices, count: int) -> Indices:
@@ -71,6 +76,41 @@ def without_loose(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
     """Leave out the vertices that no triangle uses."""
     used, numbered = np.unique(triangles, return_inverse=True)
     return vertices[used], numbered.reshape(-1, 3).astype(np.int64)
+
+
+def border_edges(triangles: Indices, count: int) -> Indices:
+    """Edges of one triangle only, (B, 2), of a mesh with `count` vertices."""
+    keys, uses = np.unique(edge_keys(triangles, np.roll(triangles, -1, axis=1), count), return_counts=True)
+    return np.stack(np.divmod(keys[uses == 1], count), axis=1)
+
+
+def without_slivers(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Leave out slivers at the border of a manifold, as long as no part falls off."""
+    for _ in range(SLIVER_ROUNDS):
+        count = len(vertices)
+        border = border_edges(triangles, count)
+        at_border = np.zeros(count, dtype=bool)
+        at_border[border] = True
+        sides = edge_keys(triangles, np.roll(triangles, -1, axis=1), count)
+        outer = np.isin(sides, edge_keys(border[:, 0], border[:, 1], count))
+        tip = np.roll(triangles, -2, axis=1)
+        # one side on the border and the tip inside, or the two sides of an ear
+        free = (outer & ~at_border[tip]).any(axis=1) | (outer.sum(axis=1) == 2)
+        sliver = free & (triangle_shapes(vertices, triangles) < WORST_SHAPE)
+        if not sliver.any():
+            break
+        vertices, triangles = without_loose(vertices, triangles[~_first_at_each_vertex(triangles, sliver)])
+    return vertices, triangles
+
+
+def _first_at_each_vertex(triangles: Indices, chosen: Booleans) -> Booleans:
+    """Which of the chosen triangles meet no earlier chosen one."""
+    numbers = np.flatnonzero(chosen)
+    first = np.full(triangles.max(initial=0) + 1, len(triangles))
+    np.minimum.at(first, triangles[numbers], numbers[:, None])
+    alone = np.zeros(len(triangles), dtype=bool)
+    alone[numbers] = (first[triangles[numbers]] == numbers[:, None]).all(axis=1)
+    return alone
 
 
 def unpinched(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
@@ -114,21 +154,33 @@ def oriented_normals(points: Array, normals: Array) -> Array:
     return normals * (turn * turn[parent])[:, None]
 
 
-def one_side(vertices: Array, triangles: Indices, points: Array) -> tuple[Array, Indices]:
-    """Take the side of an open cloud's shell that its normals point to, move it onto the points, and cut off what
-    extends beyond their border.
+def sheet(points: Array, spacing: float, noise: float) -> tuple[Array, Indices]:
+    """Lay a sheet through an open cloud: where the signed distance from its points' planes is zero (Hoppe et al. 1992).
+
+    What extends beyond the border of the points is cut off.
     """
     tree = cKDTree(points)
     normals = oriented_normals(points, _smooth_normals(points, tree))
-    centres = vertices[triangles].mean(axis=1)
-    facing = (face_normals(vertices, triangles) * normals[tree.query(centres)[1]]).sum(axis=1)
-    vertices, triangles = _large_parts(vertices, triangles[facing > FACING])
-    near = tree.query(vertices, k=min(4, len(points)))[1].reshape(len(vertices), -1)
-    away = ((vertices[:, None] - points[near]) * normals[near]).sum(axis=2).mean(axis=1)
-    direction = unit(normals[near].mean(axis=1))
-    vertices = vertices - away[:, None] * direction
-    vertices, triangles = _large_parts(vertices, triangles[~_beyond(vertices[triangles].mean(axis=1), points, tree)])
+    step = spacing + NOISE_STEPS * noise
+    grid = Grid.around(points, SHEET_REACH * step, step)
+    places = grid.positions
+    distance, near = tree.query(places, k=min(SHEET_NEIGHBOURS, len(points)))
+    weight = np.exp(-((distance / step) ** 2) + (distance[:, :1] / step) ** 2)
+    along = ((places[:, None] - points[near]) * normals[near]).sum(axis=2)
+    signed = (weight * along).sum(axis=1) / weight.sum(axis=1)
+    vertices, triangles = level_set(grid, np.where(distance[:, 0] < SHEET_REACH * step, signed, np.nan))
+    vertices, triangles = _trimmed(*_large_parts(vertices, triangles), points, tree)
     return smoothed(vertices, triangles), triangles
+
+
+def _trimmed(vertices: Array, triangles: Indices, points: Array, tree: cKDTree) -> tuple[Array, Indices]:
+    """Cut off what lies beyond the points, from the sheet's border inwards: a sparse place inside becomes no hole."""
+    beyond = _beyond(vertices[triangles].mean(axis=1), points, tree)
+    count = len(vertices)
+    part = parts(triangles[beyond], count)
+    reached = np.zeros(part.max(initial=0) + 1, dtype=bool)
+    reached[part[np.unique(border_edges(triangles, count))]] = True
+    return unpinched(*_large_parts(vertices, triangles[~(beyond & reached[part[triangles[:, 0]]])]))
 
 
 def _smooth_normals(points: Array, tree: cKDTree) -> Array:

@@ -38,8 +38,7 @@ def test_both_results_have_one_scale_and_their_own_settings():
         error = scenes.values(made.data, "error")
         expected = ColourScale(0.0, high).colours(error)
         assert np.allclose(scenes.values(made.data, "error_color", "color", 4), expected, atol=1e-6)
-    assert "Sheet" in bpy.data.objects
-    assert not source.hide_get()
+    assert source.hide_get()
 
 
 def test_they_stand_beside_each_other():
@@ -68,12 +67,17 @@ def test_the_scale_stays_common_when_colours_are_made_anew():
     assert list(one["error_color_range"]) == list(other["error_color_range"])
 
 
-def test_results_of_earlier_comparisons_stay():
+@pytest.mark.parametrize("replace", [True, False])
+def test_results_of_an_earlier_comparison_are_replaced_unless_they_are_to_stay(replace: bool):
+    """The second time with a result selected: its source is compared."""
     source = scenes.creased_sheet(12)
-    compare(ring=4)
-    scenes.select(source)
-    compare(ring=4)
-    assert len([o for o in bpy.data.objects if "sparse_surface" in o]) == 4
+    bpy.context.scene.sparse_surface.replace_result = replace
+    first = compare(ring=4)
+    scenes.select(first[0])
+    second = compare(ring=5)
+    assert (first == second) == replace
+    assert len([o for o in bpy.data.objects if "sparse_surface" in o]) == (2 if replace else 4)
+    assert [made["sparse_surface_source"] for made in second] == [source["sparse_surface_id"]] * 2
 
 
 def test_what_cannot_be_compared_is_said():

@@ -11,9 +11,9 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.benchmarks.generated_clouds import ball, hill, l_solid
-from bl_ext.user_default.sparse_surface.operators.data.base_mesh import make_base
 from bl_ext.user_default.sparse_surface.solver import CloudSettings
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
+from bl_ext.user_default.sparse_surface.solver.reconstruction.made_base import make_base
 from mathutils import Euler, Matrix
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -166,6 +166,12 @@ def press(key: str, *, at: Any = None, **modifiers: bool) -> None:
         window().event_simulate(type=key, value=value, x=x, y=y, **modifiers)
 
 
+def click(x: int, y: int) -> None:
+    """Click at a place of the window."""
+    for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
+        window().event_simulate(type=kind, value=value, x=x, y=y)
+
+
 def approximate() -> set[str]:
     """Press the button."""
     with in_viewport():

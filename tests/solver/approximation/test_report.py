@@ -10,7 +10,7 @@ import pytest
 from noisy import with_noise
 from sparse_surface.benchmarks.generated_clouds import ball
 from sparse_surface.benchmarks.generated_models import cube
-from sparse_surface.solver import Report, Settings, approximate, reconstruct
+from sparse_surface.solver import FINISH, Report, Settings, approximate, reconstruct
 
 QUICK = {"workers": 1, "iterations": 1, "sweeps": 0, "ring": 4, "degree": 6, "sparsity": 8}
 COUNTS = {"input", "patches", "flipped_triangles", "passed_through_vertices", "representation_bytes", "workers"}
@@ -64,3 +64,22 @@ def test_seconds_are_those_of_the_stages_that_ran(denoised) -> None:
     assert seconds.pop("sweeps") == 0.0
     assert min(seconds.values()) > 0.0
     assert sum(seconds.values()) <= total
+
+
+def test_a_run_that_was_ended_early_says_so() -> None:
+    def ended(stage: str) -> bool | None:
+        asked = []
+
+        def finish(step) -> str | None:
+            asked.append(step.stage)
+            return FINISH if step.stage == stage else None
+
+        report = approximate(*cube(6), Settings(**{**QUICK, "sweeps": 1}), report=finish).report
+        assert stage in asked
+        return report.get("ended_early")
+
+    assert ended("Solving patches") is True
+    assert ended("Measuring") is None
+    made = ball(300)
+    cloud = reconstruct(made.points, made.base_vertices, made.base_faces, Settings(**QUICK), report=lambda step: FINISH)
+    assert cloud.report["ended_early"] is True

@@ -12,16 +12,18 @@ from sparse_surface.solver import CloudSettings, Settings, reconstruct, run_to_e
 from sparse_surface.solver.interchange import CloudArrays
 from sparse_surface.solver.job import Job
 from sparse_surface.solver.reconstruction.evaluated import automatic_splits, reconstruct_arrays
+from sparse_surface.solver.reconstruction.geometry import analyse
 from sparse_surface.solver.reconstruction.shell import (
     has_cavity,
     is_open,
-    one_side,
     oriented_normals,
     outer_parts,
     parts,
+    sheet,
     signed_volumes,
     smoothed,
     unpinched,
+    without_slivers,
 )
 
 QUICK = Settings(workers=1, iterations=3)
@@ -88,9 +90,10 @@ def sheet_shell(points: np.ndarray, thickness: float = 0.05) -> tuple[np.ndarray
     return np.concatenate([top, bottom]), np.concatenate([up, up[:, ::-1] + 1600])
 
 
-def test_one_side_of_a_slab_lies_on_the_sheet_and_ends_with_it() -> None:
+def test_a_sheet_lies_on_the_points_and_ends_with_them() -> None:
     cloud = hill(4000)
-    vertices, triangles = one_side(*sheet_shell(cloud.points), cloud.points)
+    geometry = analyse(cloud.points)
+    vertices, triangles = sheet(cloud.points, geometry.spacing, geometry.noise)
     inner = np.abs(vertices[:, :2]).max(axis=1) < 0.45
     # smoothing lowers the top of the hill
     assert cloud.distance(vertices[inner]).max() < 0.04
@@ -99,6 +102,19 @@ def test_one_side_of_a_slab_lies_on_the_sheet_and_ends_with_it() -> None:
     assert max((up > 0.0).mean(), (up < 0.0).mean()) > 0.99, "one side, not both"
     assert 0.9 < np.abs(up).sum() / 2 < 1.1
     assert np.abs(vertices[:, :2]).max() < 0.54
+
+
+def test_slivers_at_the_border_are_left_out() -> None:
+    """A square of two triangles, with a thin ear at one side and a thin triangle between two others at the next."""
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, -0.02, 0]])
+    kept, triangles = without_slivers(vertices, np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1]]))
+    np.testing.assert_array_equal(kept, vertices[:4])
+    np.testing.assert_array_equal(triangles, [[0, 1, 2], [0, 2, 3]])
+    inside = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.02, 0]])
+    fan = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    kept, triangles = without_slivers(inside, fan)
+    np.testing.assert_array_equal(kept, inside)
+    np.testing.assert_array_equal(triangles, fan[1:])
 
 
 def test_smoothing_keeps_a_straight_border_straight() -> None:

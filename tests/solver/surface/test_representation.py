@@ -10,7 +10,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from sparse_surface.benchmarks.generated_models import cube, moebius
 from sparse_surface.solver import InputError, Representation, Settings, approximate
-from sparse_surface.solver.surface.metrics import EDGE_SAMPLES, SURFACE_SAMPLES, seam, surface_error
+from sparse_surface.solver.mesh.sampling import MEASURED_SAMPLES
+from sparse_surface.solver.surface.metrics import EDGE_SAMPLES, seam, surface_error
 
 Array = NDArray[np.float64]
 
@@ -194,8 +195,8 @@ def test_measures_agree_with_evaluating_by_hand() -> None:
     assert seam(surface) < 1e-12
     assert seam(representation("bow tie", "uniform")) > 1e-6
     errors = surface_error(surface)
-    flat = SURFACE_SAMPLES @ surface.vertices[surface.triangles[7]]
-    expected = np.linalg.norm([directly(surface, 7, b) for b in SURFACE_SAMPLES] - flat, axis=1)
+    flat = MEASURED_SAMPLES @ surface.vertices[surface.triangles[7]]
+    expected = np.linalg.norm([directly(surface, 7, b) for b in MEASURED_SAMPLES] - flat, axis=1)
     np.testing.assert_allclose(errors[7], expected, atol=1e-12)
 
 

@@ -1,0 +1,122 @@
+"""A coarse base mesh made from the points of a cloud.
+
+Around a closed cloud, balls at the points become a shell whose outer side is taken.  An open cloud, one with a border,
+gets the sheet where the signed distance from its points' oriented planes is zero (Hoppe et al. 1992), cut off where the
+points end.  Either is decimated to the wanted number of vertices and drawn to the points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Indices
+from ..errors import InputError
+from ..mesh.decimation import decimated
+from ..progress import Progress, Steps, run_to_end
+from .base import checked_base, drawn_to_points
+from .geometry import analyse
+from .level_set import Grid, level_set
+from .reconstruct import checked_points, refuse_flat
+from .shell import has_cavity, is_open, outer_parts, sheet, unpinched, without_slivers
+
+REACHES = (2.0, 2.5, 3.0, 4.0, 6.0)
+"""Radii of the balls that are tried until the shell closes, in spacings of the cloud."""
+
+OPEN_REACHES = (2.0, 2.5, 3.0)
+"""Those for a cloud that seems to have a border: larger balls close a bin without a lid."""
+
+FULL_REACH = 3.0
+"""Radius around a closed cloud of few points, whose inside the balls fill."""
+
+LARGEST_RADIUS = 0.5
+"""Largest radius of a ball, in longest sides of the cloud."""
+
+STEPS_A_RADIUS = 1.5
+"""Steps of the grid to a ball's radius."""
+
+POINTS_A_VERTEX = 60
+"""About the number of points for each vertex of the base in the paper's clouds."""
+
+FEWEST, MOST = 12, 20_000
+"""Vertices of a base whose size the user has not chosen."""
+
+HALFWAY = 1.5
+"""Slivers are left out first when this many times the wanted vertices are left."""
+
+SAME_PLACE = 1e-6
+"""Points in the same cell of a grid this fine, in longest sides, count as one."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """A base mesh: positions (V, 3), triangles (T, 3), and whether it is closed."""
+
+    vertices: Array
+    triangles: Indices
+    closed: bool
+
+
+def make_base(points: ArrayLike, count: int = 0) -> Base:
+    """Make a base from points.
+
+    Parameters
+    ----------
+    points
+        (P, 3), scene units.
+    count
+        Wanted number of vertices; 0: one for every sixty points.
+
+    Raises
+    ------
+    InputError
+        When the points span no volume, or no manifold could be made around them.
+    """
+    return run_to_end(make_base_steps(points, count))
+
+
+def make_base_steps(points: ArrayLike, count: int = 0) -> Steps[Base]:
+    """`make_base` as a generator of `Progress`."""
+    yield Progress("Making the base", 0.0)
+    checked = checked_points(points)
+    refuse_flat(checked)
+    middle = 0.5 * (checked.min(axis=0) + checked.max(axis=0))
+    size = float(np.ptp(checked, axis=0).max())
+    places = (checked - middle) / size
+    places = places[np.sort(np.unique(np.round(places / SAME_PLACE), axis=0, return_index=True)[1])]
+    closed, vertices, triangles = _fine(places)
+    yield Progress("Making the base", 0.3)
+    count = count or int(np.clip(len(places) // POINTS_A_VERTEX, FEWEST, MOST))
+    try:
+        for more in (HALFWAY, 1.0):
+            vertices, triangles = without_slivers(*decimated(vertices, triangles, int(more * count)))
+        mesh = checked_base(*unpinched(vertices, triangles))
+    except InputError:
+        raise InputError("No base could be made from the points: choose a base mesh for them.") from None
+    yield Progress("Making the base", 0.9)
+    near = drawn_to_points(mesh, places, np.ones(len(places)))
+    return Base(near.vertices * size + middle, near.triangles, closed)
+
+
+def _fine(points: Array) -> tuple[bool, Array, Indices]:
+    """Whether a cloud is closed, and a fine mesh along it: vertices and triangles."""
+    geometry = analyse(points)
+    tree, border = cKDTree(points), is_open(points)
+    for reach in OPEN_REACHES if border else REACHES:
+        radius = min(reach * geometry.spacing, LARGEST_RADIUS)
+        shell = _around_balls(points, tree, radius)
+        if has_cavity(*shell, radius):
+            return True, *outer_parts(*shell)
+    if border:
+        return False, *sheet(points, geometry.spacing, geometry.noise)
+    return True, *outer_parts(*_around_balls(points, tree, min(FULL_REACH * geometry.spacing, LARGEST_RADIUS)))
+
+
+def _around_balls(points: Array, tree: cKDTree, radius: float) -> tuple[Array, Indices]:
+    """Mesh around balls of this radius at points (P, 3), wound outwards."""
+    grid = Grid.around(points, radius, radius / STEPS_A_RADIUS)
+    away = tree.query(grid.positions, distance_upper_bound=radius + 2.0 * grid.step)[0]
+    return level_set(grid, away - radius)
