@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 WITHOUT_SURFACE = {
     "Reading the mesh",
     "Parameterising patches",
+    "Making the base",
     "Looking at the points",
     "Fitting the base",
     "Choosing the patches",

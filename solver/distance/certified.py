@@ -24,7 +24,7 @@ from .targets import Target
 Values = TypeVar("Values", bound=NDArray[Any])
 
 TRIANGLES_AT_ONCE = 2000
-MOST_PLACES = 60_000
+MOST_PLACES = 250_000
 
 
 class Largest(NamedTuple):
