@@ -31,6 +31,13 @@ ACCURACY = 0.02
 MOST_SPLITS = 12
 """How often a part may be split; the last ones are 1 / 4096 of a triangle's side."""
 
+MOST_PARTS = 50_000
+"""Parts that are split no further when there are more of them, and more than triangles: their bounds hold, but are
+looser."""
+
+ROUNDING = 1e-12
+"""Share of the coordinates' size below which an error is rounding, and not worth splitting for."""
+
 PARTS_AT_ONCE = 40_000
 """Parts of triangles, each in each of its patches, that are bounded together: more would only take memory."""
 
@@ -73,8 +80,8 @@ def error_bounds(
     for splits in range(MOST_SPLITS + 1):
         low, high = error.bounds(parts)
         lower = max(lower, float(low.max(initial=0.0)))
-        settled = high <= lower * (1.0 + accuracy)
-        if splits == MOST_SPLITS:
+        settled = high <= max(lower * (1.0 + accuracy), error.rounding)
+        if splits == MOST_SPLITS or np.count_nonzero(~settled) > max(MOST_PARTS, len(representation.triangles)):
             settled[:] = True
         upper = max(upper, float(high[settled].max(initial=0.0)))
         if settled.all():
@@ -99,7 +106,7 @@ def exceeding(
         outside[parts.triangle[low > tolerance]] = True
         undecided = (high > tolerance) & ~outside[parts.triangle]
         parts = parts.select(undecided)
-        if not len(parts.triangle):
+        if not len(parts.triangle) or len(parts.triangle) > max(MOST_PARTS, len(asked)):
             break
         parts = parts.split()
     outside[parts.triangle] = True
@@ -154,6 +161,12 @@ class _ErrorModel:
         own = representation.vertices - centre
         moved = replace(representation, vertices=own, origins=representation.origins - centre)
         return cls(moved, own if vertices is None else vertices - centre)
+
+    @property
+    def rounding(self) -> float:
+        """Errors up to this, scene units, are rounding."""
+        sizes = (np.abs(points).max(initial=0.0) for points in (self.surface.vertices, self.flat, self.surface.origins))
+        return ROUNDING * float(max(sizes))
 
     def bounds(self, parts: _Parts) -> tuple[Array, Array]:
         """Lower and upper bounds of the largest error on each part, (P,) each."""
