@@ -46,7 +46,9 @@ class SPARSE_SURFACE_OT_resample(Operator):
         from .representation.resampled import resample_object  # loads SciPy; enabling the add-on must not
 
         try:
-            made = resample_object(context, _holder(context), self.splits)
+            made = resample_object(
+                context, _holder(context), self.splits, replace=context.scene.sparse_surface.replace_result
+            )
         except (SparseSurfaceError, MemoryError) as error:
             self.report({"ERROR"}, str(error) or rpt_("There is not enough memory for this number of faces."))
             return {"CANCELLED"}

@@ -40,17 +40,25 @@ def compare_pair(context: Context, done: Sequence[Solved], first: str, second: s
     """
     scale = colour_scale(context.scene, np.concatenate([result.error for _, result in done]))
     titles = [_title(choice, result) for choice, (_, result) in zip((first, second), done, strict=True)]
-    made = make_pair(context, done, titles, scale, beside=beside)
+    replace = context.scene.sparse_surface.replace_result
+    made = make_pair(context, done, titles, scale, beside=beside, replace=replace)
     _fix_range(context, scale.high)
     return made
 
 
 def make_pair(
-    context: Context, done: Sequence[Solved], titles: Sequence[str], scale: ColourScale, *, beside: bool
+    context: Context,
+    done: Sequence[Solved],
+    titles: Sequence[str],
+    scale: ColourScale,
+    *,
+    beside: bool,
+    replace: bool = False,
 ) -> list[Object]:
     """Make the result objects of one source, coloured with one scale and named after `titles`.
 
-    With `beside` they stand at the source's right; otherwise where the source stands.
+    With `beside` they stand at the source's right; otherwise where the source stands.  With `replace` they take the
+    place of earlier ones.
 
     Raises
     ------
@@ -58,7 +66,6 @@ def make_pair(
         When the source was removed or edited since it was read.
     """
     made = []
-    replace = context.scene.sparse_surface.replace_result
     for place, ((source, result), title, role) in enumerate(zip(done, titles, COMPARED, strict=True), 1):
         shown = create_result(context, source, result, scale, role=role, replace=replace)
         shown.name = cut_name(result_name(current_name(source)), f" {place} {title}")

@@ -23,8 +23,8 @@ from .carried_layers import carry_layers
 from .stored import placement, read_representation
 
 
-def resample_object(context: Context, holder: Object, splits: int) -> Object:
-    """Make the resampled object of a result.
+def resample_object(context: Context, holder: Object, splits: int, *, replace: bool = False) -> Object:
+    """Make the resampled object of a result; with `replace` in the place of an earlier one.
 
     Raises
     ------
@@ -39,7 +39,6 @@ def resample_object(context: Context, holder: Object, splits: int) -> Object:
     loose = loose_edges(holder.data) if on_source else None
     local = place.to_local(resampled.vertices)
     mesh = create_mesh(name, local, resampled.corners, resampled.sizes, loose)
-    replace = context.scene.sparse_surface.replace_result
     made = create_object(name, mesh, holder, context, role=RESAMPLED, replace=replace)
     error: NDArray[np.floating[Any]]
     if on_source:
