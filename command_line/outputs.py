@@ -190,9 +190,9 @@ DISTANCE_OUTPUTS = (
 """What `distance` writes."""
 
 
-def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Sequence[Output] = OUTPUTS) -> None:
-    """Write the files that were asked for, each complete or not at all."""
-    for output in outputs:
+def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Sequence[Output] | None = None) -> None:
+    """Write the files that were asked for, each complete or not at all; of `OUTPUTS` where no others are named."""
+    for output in OUTPUTS if outputs is None else outputs:
         path = getattr(options, output.name)
         if path is not None:
             if not output.one_each or len(made) == 1:
