@@ -136,7 +136,8 @@ def run_case(case: Case) -> Measured:
     vertices, faces = case.arrays if case.arrays is not None else generated(case.model, case.size)
     with_constants(case.constants)
     # the compiled kernel has constants of its own
-    settings = Settings(**({"solver": "numpy"} if case.constants else {}), **case.settings)
+    solver: dict[str, Any] = {"solver": "numpy"} if case.constants else {}
+    settings = Settings(**solver, **case.settings)
     before, base = unit_seconds(), peak_memory_mb()
     result = approximate(vertices, faces, settings)
     return Measured(case.model, result.report, (before + unit_seconds()) / 2.0, base)
