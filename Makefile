@@ -7,6 +7,7 @@ SHELL := /bin/bash
 VENV := .venv
 PY := $(VENV)/bin/python
 LINT := .venv-lint
+MUTANTS_VENV := .venv-mutants
 # One BLAS thread a process: the solver's small stacked products only lose by more.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
@@ -18,7 +19,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window lint-venv lint format build bench pages \
+.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window test-mutants lint-venv lint format build bench pages \
 	figures clean
 
 help: ## list the targets
@@ -52,6 +53,10 @@ test-matrix: venv ## the Blender tests on every supported bpy, the solver tests 
 
 test-window: venv ## the tests in a real Blender window (BLENDER=executable, or ../shared/tools/real-blender)
 	@$(PY) scripts/test_window.py $(WINDOW)
+
+test-mutants: venv ## change the core modules in small ways and list what no test notices (MUTANTS="solver/fitting/pursuit.py --count 100")
+	@"$$(scripts/find_python.sh 3.11 3.13)" scripts/environment.py $(MUTANTS_VENV) mutants
+	@$(MUTANTS_VENV)/bin/python scripts/test_mutants.py $(MUTANTS)
 
 # The checks have an environment of their own: what mypy says depends on the version of NumPy, not on the one of Blender.
 lint-venv:

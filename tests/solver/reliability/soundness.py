@@ -8,11 +8,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import Delaunay
 from sparse_surface.solver import Approximation, InputError, Representation, Settings, approximate
 
 Faces = ArrayLike | list[list[int]]
 
 RESULT, REFUSAL = "result", "refusal"
+
+STEPS = 12
+"""Parts of an edge in the lattice: 91 points a triangle."""
+
+LATTICE = np.array([[i, j, STEPS - i - j] for i in range(STEPS + 1) for j in range(STEPS + 1 - i)]) / STEPS
+LATTICE_TRIANGLES = Delaunay(LATTICE[:, :2]).simplices
 
 
 def approximated(vertices: ArrayLike, faces: Faces, settings: Settings) -> tuple[str, Approximation | str]:
@@ -102,6 +109,54 @@ def check_result(vertices: NDArray[Any], faces: Faces, settings: Settings, resul
         rounding = 1e-6 * size if vertices.dtype == np.float32 else 1e-9 * np.abs(given).max()
         assert report["tolerance"]["achieved"] <= settings.tolerance + rounding
     check_representation(result)
+    check_largest_error(given, result, rounding_of(vertices, size))
+
+
+def rounding_of(vertices: NDArray[Any], size: float) -> float:
+    """Length below which differences mean nothing, of coordinates (V, 3) whose longest side is `size`."""
+    largest = np.abs(vertices.astype(np.float64)).max(initial=0.0)
+    return 1e-6 * max(size, 0.1 * largest) if vertices.dtype == np.float32 else 1e-9 * max(size, largest)
+
+
+def check_largest_error(given: NDArray[np.float64], result: Approximation, rounding: float) -> None:
+    """No point of a dense lattice shows more than the reported error, and none more than its bound.
+
+    Nearest distances, by libigl where it is installed, keep the bound in both directions.
+    """
+    stored, reported = result.representation, result.report["surface_error"]
+    triangles = np.asarray(stored.triangles)
+    if not len(triangles):
+        return
+    size = max(result.report["input"]["bounding_box_longest_side"], 1e-300)
+    face = np.repeat(np.arange(len(triangles)), len(LATTICE))
+    flat = np.einsum("sk,tkd->tsd", LATTICE, given[triangles]).reshape(-1, 3)
+    surface = stored.evaluate(face, np.tile(LATTICE, (len(triangles), 1)))
+    largest = size * float(np.linalg.norm((surface - flat) / size, axis=1).max())
+    assert largest <= 1.02 * reported["max"] + rounding, f"{largest} where {reported['max']} is reported"
+    assert largest <= reported["bound"] * (1 + 1e-9) + rounding, f"{largest} beyond the bound {reported['bound']}"
+    check_nearest(surface, flat, triangles, reported["bound"], rounding)
+
+
+def check_nearest(
+    surface: NDArray[np.float64],
+    flat: NDArray[np.float64],
+    triangles: NDArray[Any],
+    bound: float,
+    rounding: float,
+) -> None:
+    """The lattice's points on the surface and on the input lie within `bound` of the other one's triangles."""
+    try:
+        import igl
+    except ImportError:
+        return
+    middle, size = flat.mean(axis=0), np.ptp(flat, axis=0).max()
+    if not 1e-100 < size < 1e100:
+        return
+    one, other = (surface - middle) / size, (flat - middle) / size
+    cells = np.concatenate([LATTICE_TRIANGLES + len(LATTICE) * k for k in range(len(triangles))])
+    for points, target in ((one, other), (other, one)):
+        squared = igl.point_mesh_squared_distance(points, target, cells)[0]
+        assert np.sqrt(squared.max()) * size <= bound * (1 + 1e-9) + 2.0 * rounding
 
 
 def check_representation(result: Approximation) -> None:
