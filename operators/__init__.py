@@ -8,6 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 
 OPERATORS = (
+    "apply_to_source",
     "approximate",
     "cancel",
     "clear_inspection",

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from bpy.types import Context, Object, Operator
 
 from .data.objects import chosen_objects, selected_meshes
+from .data.result_keys import WITH_MODIFIERS
 from .run.operator import Solved, SolverOperator, Task, read_sources, scene_settings
 from .run.poll import MESHES_TO_SOLVE, needs
+
+if TYPE_CHECKING:
+    from ..solver.approximation.result import Approximation
+    from .data.meshes import Source
 
 
 class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
@@ -32,11 +38,10 @@ class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
         from .heat_map.scale import colour_scale
 
         replace = context.scene.sparse_surface.replace_result
-        return self.make_each(
-            lambda source, result: create_result(
-                context, source, result, colour_scale(context.scene, result.error), replace=replace
-            ),
-            context,
-            done,
-            refusals,
-        )
+
+        def make(source: Source, result: Approximation) -> Object:
+            made = create_result(context, source, result, colour_scale(context.scene, result.error), replace=replace)
+            made[WITH_MODIFIERS] = source.evaluated
+            return made
+
+        return self.make_each(make, context, done, refusals)

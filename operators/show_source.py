@@ -2,30 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import BoolProperty
-from bpy.types import Context, Object, Operator
+from bpy.types import Context, Operator
 
-from .data.objects import select_only
-from .data.origins import source_of, was_made
+from .data.objects import chosen_results, select_only
 from .data.visibility import hide, show, stand_beside, stand_in_place
-from .run.poll import needs, object_mode
-
-
-def chosen_results(context: Context) -> Iterator[tuple[Object, Object]]:
-    """Iterate over the selected objects that were made from another which still exists, with that one."""
-    active = context.active_object
-    for made in dict.fromkeys([*([active] if active is not None else []), *context.selected_objects]):
-        if was_made(made) and (source := source_of(made)) is not None:
-            yield made, source
-
-
-def made_object(context: Context) -> str:
-    """An object is chosen that was made from another."""
-    found = next(chosen_results(context), None)
-    return "" if found is not None else rpt_("Select a result whose source still exists")
+from .run.poll import made_object, needs, object_mode
 
 
 class SPARSE_SURFACE_OT_show_source(Operator):

@@ -20,7 +20,7 @@ from ..operators.data.result_keys import (
     shows_patches,
 )
 from .panels import draw_display, draw_heat_map_button
-from .sidebar import SidebarPanel, has_operator
+from .sidebar import SidebarPanel
 
 
 class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
@@ -48,9 +48,8 @@ class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
             amount = row.row(align=True)
             amount.use_property_split = False
             amount.prop(inspection, "splits", text="")
-        buttons = [name for name in ("show_source", "apply_to_source") if has_operator(name)]
-        for name in buttons:
-            column.operator(f"sparse_surface.{name}")
+        column.operator("sparse_surface.show_source", icon="HIDE_OFF")
+        column.operator("sparse_surface.apply_to_source", icon="CHECKMARK")
 
 
 class UnderResult(SidebarPanel):

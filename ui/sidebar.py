@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 
-import bpy
 from bpy.types import Context, UILayout
 
 
@@ -31,8 +30,3 @@ def draw_lines(layout: UILayout, text: str, icon: str) -> None:
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, 34)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1", translate=False)
-
-
-def has_operator(name: str) -> bool:
-    """Whether an operator `sparse_surface.<name>` is registered."""
-    return hasattr(bpy.types, f"SPARSE_SURFACE_OT_{name}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -44,6 +44,14 @@ def source_to_solve(chosen: Object) -> Object | None:
     if was_made(chosen) and source_of(chosen) is None:
         return None
     return last_source(chosen, has_faces) or chosen
+
+
+def chosen_results(context: Context) -> Iterator[tuple[Object, Object]]:
+    """Iterate over the selected objects that were made from another which still exists, with that one."""
+    active = context.active_object
+    for made in dict.fromkeys([*([active] if active is not None else []), *context.selected_objects]):
+        if was_made(made) and (source := source_of(made)) is not None:
+            yield made, source
 
 
 def last_source(made: Object, suits: Callable[[Object], bool]) -> Object | None:

@@ -22,6 +22,9 @@ SPLITS = "sparse_surface_splits"
 """Custom property of a reconstructed surface, whose mesh is finer than the representation's: number of parts of every
 edge, and its numbers of vertices and faces."""
 
+WITH_MODIFIERS = "sparse_surface_with_modifiers"
+"""Custom property of a result object: whether its source was read as modifiers and shape keys left it."""
+
 MADE_FROM = "sparse_surface_made_from"
 """Custom property of the objects of a reconstruction: the name of the points' object."""
 

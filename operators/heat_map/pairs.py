@@ -11,7 +11,7 @@ from bpy.types import Context, Object
 from ..data.colours import ColourScale
 from ..data.objects import current_name
 from ..data.origins import COMPARED
-from ..data.result_keys import cut_name, result_name
+from ..data.result_keys import WITH_MODIFIERS, cut_name, result_name
 from ..data.results import create_result
 from ..data.visibility import stand_beside
 from .scale import colour_scale
@@ -70,6 +70,7 @@ def make_pair(
         shown = create_result(context, source, result, scale, role=role, replace=replace)
         shown.name = cut_name(result_name(current_name(source)), f" {place} {title}")
         shown.data.name = shown.name
+        shown[WITH_MODIFIERS] = source.evaluated
         if beside:
             stand_beside([shown], context, place)
         made.append(shown)

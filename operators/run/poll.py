@@ -8,7 +8,7 @@ from typing import Any
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context
 
-from ..data.objects import chosen_objects, has_faces, selected_meshes, selected_points, source_to_solve
+from ..data.objects import chosen_objects, chosen_results, has_faces, selected_meshes, selected_points, source_to_solve
 from ..data.result_keys import has_patches, has_representation, read_report
 from .requirements import missing_packages
 from .session import session
@@ -86,6 +86,12 @@ def points(context: Context) -> str:
 def result(context: Context) -> str:
     """The active object carries a report."""
     return rpt_("The active object is not a result") if read_report(context.active_object) is None else ""
+
+
+def made_object(context: Context) -> str:
+    """An object is chosen that was made from another."""
+    found = next(chosen_results(context), None)
+    return "" if found is not None else rpt_("Select a result whose source still exists")
 
 
 def representation(context: Context) -> str:

@@ -115,6 +115,26 @@ def test_a_curve_is_converted_by_the_button_beside():
     assert bpy.context.view_layer.objects.active.type == "MESH"
 
 
+def test_the_surface_goes_to_the_source_and_one_undo_takes_it_back():
+    driver.clear_scene()
+    sheet = driver.add_creased_grid(30)
+    before = positions(sheet)
+    made = yield from solved()
+    wanted, name = positions(made), made.name
+    yield from driver.open_sidebar()
+    driver.shot("apply_to_source_before")
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.apply_to_source("INVOKE_DEFAULT", True) == {"FINISHED"}
+    yield 0.3
+    driver.shot("apply_to_source_after")
+    assert visible() == {"Creased"}
+    assert np.array_equal(positions(bpy.data.objects["Creased"]), wanted)
+    driver.press("Z", ctrl=True)
+    yield 0.5
+    assert visible() == {name}
+    assert np.array_equal(positions(bpy.data.objects["Creased"]), before)
+
+
 def test_a_result_is_compared_with_its_hidden_source():
     driver.clear_scene()
     sheet = driver.add_creased_grid(30)
