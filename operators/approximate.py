@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from bpy.props import BoolProperty
 from bpy.types import Context, Object, Operator
 
 from .data.objects import chosen_objects, selected_meshes
@@ -24,12 +26,21 @@ class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
     bl_label = "Approximate"
     bl_options = {"UNDO"}
 
+    only_denoise: BoolProperty(
+        name="Only Denoise",
+        description="Remove noise and make no patches, whatever the settings of the scene say of noise",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+
     poll = needs(*MESHES_TO_SOLVE)
 
     def tasks(self, context: Context) -> tuple[list[Task], list[str]]:
         """All selected meshes with the scene's settings."""
         sources, refusals = read_sources(context, selected_meshes(context) or chosen_objects(context)[:1])
         settings = scene_settings(context)
+        if self.only_denoise:
+            settings = replace(settings, denoise="only")
         return [(source, settings) for source in sources], refusals
 
     def make_objects(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> list[Object]:
@@ -37,10 +48,10 @@ class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
         from .data.results import create_result  # NumPy-heavy, as `scale`: enabling the add-on loads this module
         from .heat_map.scale import colour_scale
 
-        replace = context.scene.sparse_surface.replace_result
+        replacing = context.scene.sparse_surface.replace_result
 
         def make(source: Source, result: Approximation) -> Object:
-            made = create_result(context, source, result, colour_scale(context.scene, result.error), replace=replace)
+            made = create_result(context, source, result, colour_scale(context.scene, result.error), replace=replacing)
             made[WITH_MODIFIERS] = source.evaluated
             return made
 

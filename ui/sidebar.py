@@ -29,4 +29,4 @@ def draw_lines(layout: UILayout, text: str, icon: str) -> None:
     """Show a sentence in lines that fit a narrow sidebar."""
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, 34)):
-        column.label(text=line, icon=icon if number == 0 else "BLANK1", translate=False)
+        column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1", translate=False)

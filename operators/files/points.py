@@ -29,13 +29,13 @@ def read_points(path: Path, name: str | None = None) -> Object:
         When it cannot be read.
     """
     if path.suffix.lower() in TEXT and path.is_file():
-        points = _points_of_text(path)
+        points = points_of_text(path)
         bpy.ops.wm.read_homefile(use_empty=True)
-        return _new_object(path.stem, points)
+        return new_object(path.stem, points)
     found = named(read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud"), name)
     if len(found) == 1:
         return found[0]
-    return _new_object(path.stem, np.concatenate([_world_points(each) for each in found]))
+    return new_object(path.stem, np.concatenate([_world_points(each) for each in found]))
 
 
 def read_base(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
@@ -74,8 +74,16 @@ def _world_points(each: Object) -> NDArray[np.float64]:
     return mesh_data.to_world(each, cloud_data.local_points(each, bpy.context.evaluated_depsgraph_get()))
 
 
-def _points_of_text(path: Path) -> NDArray[np.float64]:
-    """Return the points of an .obj file (its lines "v x y z") or of lines that begin with three numbers, (N, 3)."""
+def points_of_text(path: Path) -> NDArray[np.float64]:
+    """Return the points of an .obj file (its lines "v x y z") or of lines that begin with three numbers, (N, 3).
+
+    Raises
+    ------
+    InputError
+        When the file holds no points.
+    FileFormatError
+        When it cannot be read.
+    """
     is_object = path.suffix.lower() == ".obj"
     with open(path, encoding="utf-8", errors="replace") as lines:
         rows = [line.split() for line in lines if not line.lstrip().startswith("#")]
@@ -90,7 +98,8 @@ def _points_of_text(path: Path) -> NDArray[np.float64]:
     return points
 
 
-def _new_object(name: str, points: NDArray[np.float64]) -> Object:
+def new_object(name: str, points: NDArray[np.float64]) -> Object:
+    """Put points (N, 3) into the scene, as a mesh of nothing but vertices."""
     none = np.zeros(0, dtype=np.int32)
     made = bpy.data.objects.new(name, mesh_data.create_mesh(name, points, none, none))
     bpy.context.scene.collection.objects.link(made)
