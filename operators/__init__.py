@@ -26,6 +26,7 @@ OPERATORS = (
     "reconstruct",
     "report_bug",
     "resample",
+    "run_again",
     "separate_patches",
     "show_heat_map",
     "show_patches",

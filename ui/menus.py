@@ -27,7 +27,8 @@ LOOK: tuple[Entry, ...] = (
 )
 RESULT: tuple[Entry, ...] = (
     ("apply_to_source", "CHECKMARK"),
-    ("use_as_source", "FILE_REFRESH"),
+    ("run_again", "FILE_REFRESH"),
+    ("use_as_source", "MESH_DATA"),
     ("resample", "MOD_SUBSURF"),
     ("separate_patches", "OUTLINER_COLLECTION"),
     ("domains_to_uv", "UV"),

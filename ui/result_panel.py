@@ -48,6 +48,8 @@ class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
             amount = row.row(align=True)
             amount.use_property_split = False
             amount.prop(inspection, "splits", text="")
+        if report is not None:
+            column.operator("sparse_surface.run_again", icon="FILE_REFRESH")
         column.operator("sparse_surface.show_source", icon="HIDE_OFF")
         column.operator("sparse_surface.apply_to_source", icon="CHECKMARK")
 

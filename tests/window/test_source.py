@@ -115,6 +115,41 @@ def test_a_curve_is_converted_by_the_button_beside():
     assert bpy.context.view_layer.objects.active.type == "MESH"
 
 
+def test_a_result_runs_again_with_its_own_settings_changed():
+    """Its dialog shows them; leaving it gives the panel back what it had, confirming it runs."""
+    driver.clear_scene()
+    driver.add_creased_grid(30)
+    made = yield from solved(ring=5)
+    name, settings = made.name, bpy.context.scene.sparse_surface
+    settings.ring = 7
+    over = driver.region("WINDOW")
+    place = {"x": over.x + 200, "y": over.y + 300}
+    driver.window().event_simulate(type="MOUSEMOVE", value="NOTHING", **place)
+    yield 0.2
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.run_again("INVOKE_DEFAULT")
+    yield 0.7
+    driver.shot("run_again")
+    assert settings.ring == 5
+    driver.window().event_simulate(type="ESC", value="PRESS", **place)
+    yield 0.5
+    assert settings.ring == 7
+    driver.window().event_simulate(type="MOUSEMOVE", value="NOTHING", **place)
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.run_again("INVOKE_DEFAULT")
+    yield 0.7
+    settings.ring = 4  # as a field of the dialog does
+    driver.window().event_simulate(type="RET", value="PRESS", **place)
+    yield from driver.wait_for(lambda: driver.running() is not None, 5.0, "second run")
+    yield from driver.wait_for(lambda: driver.running() is None, 240.0, "second result")
+    yield 0.5
+    assert {o.name for o in bpy.data.objects} == {"Creased", name}
+    assert bpy.data.objects[name]["sparse_surface"]["settings"]["ring"] == 4
+    driver.press("Z", ctrl=True)
+    yield 0.5
+    assert bpy.data.objects[name]["sparse_surface"]["settings"]["ring"] == 5
+
+
 def test_the_surface_goes_to_the_source_and_one_undo_takes_it_back():
     driver.clear_scene()
     sheet = driver.add_creased_grid(30)
