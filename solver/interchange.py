@@ -74,6 +74,8 @@ class CloudArrays:
         as there are points.
     base_count
         Wanted number of vertices of a base that is made; 0: one for every sixty points.
+    shift
+        What was subtracted from all coordinates before, so that single precision holds them.
     """
 
     points: NDArray[np.float32]
@@ -83,6 +85,7 @@ class CloudArrays:
     cloud: CloudSettings = field(default_factory=CloudSettings)
     splits: int = 0
     base_count: int = 0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def of_points(

@@ -270,6 +270,12 @@ class CloudSettings(_Checked):
         huber="Farther points count less: for noise with heavy tails",
         tukey="Points beyond a few noise levels do not count: for outliers",
     )
+    strays: str = choice(
+        "drop",
+        "What becomes of stray points: isolated, and off the surface that the points around them show",
+        drop="They are left out before the base is made",
+        keep="They count like all others",
+    )
     noise: float = number(
         0.0, 0.0, 1e12, "Standard deviation of the points' noise in scene units. 0: estimated from the points"
     )

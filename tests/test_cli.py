@@ -530,7 +530,7 @@ def test_reconstruct_without_a_base_writes_everything(tmp_path: Path) -> None:
         ("0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 1 0\n", (), 1, "All the points lie in one plane: choose a base mesh for them."),
         ("# nothing\n", (), 1, "'scan.xyz' holds no points."),
         ("0 0 0\none two three\n", (), 1, "cannot be read: a line does not begin with three numbers."),
-        ("0 0 0\n1 0 0\nnan 1 0\n1 1 1\n", (), 1, "Point 2 has a coordinate that is not a finite number."),
+        ("0 0 0\n1 0 0\nnan 1 0\n1 1 1\n", (), 1, "A surface needs at least 4 points; of 4 only 3 can be used."),
         ("0 0 0\n1 0 0\n", ("--base", "there is none.obj"), 1, "There is no file"),
         ("0 0 0\n1 0 0\n", ("--base", "base.obj", "--base-vertices", "9"), 2, "not allowed with argument"),
         ("0 0 0\n1 0 0\n", ("--corrections", "-3"), 2, "corrections must be a whole number from 0 to 20, not -3."),

@@ -22,11 +22,18 @@ def plain(length: float) -> str:
 def one_line(name: str, report: Report, length: Length = plain) -> str:
     """Return one line about the result of a mesh or a point cloud: size, quality, time."""
     given = report["input"]
-    size = f"{given['points']} points over {given['vertices']} vertices" if "points" in given else None
+    size = f"{_points(given)} over {given['vertices']} vertices" if "points" in given else None
     size = size or f"{given['vertices']} vertices"
     early = ", ended early" if report.get("ended_early") else ""
     said = "; ".join([quality(report, length), *warnings(report, length)])
     return f"{name}: {size}, {said}; {report['seconds']['total']:.1f} s{early}"
+
+
+def _points(given: Report) -> str:
+    """Say how many points there are, and which of them do not count."""
+    left_out = (("strays", "{} strays left out"), ("duplicates", "{} doubles merged"), ("not_finite", "{} not finite"))
+    said = [words.format(given[name]) for name, words in left_out if given.get(name)]
+    return f"{given['points']} points" + (f" ({', '.join(said)})" if said else "")
 
 
 def quality(report: Report, length: Length = plain) -> str:

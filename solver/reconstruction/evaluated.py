@@ -9,8 +9,9 @@ from ..progress import Steps, within
 from ..settings import MOST_AUTOMATIC_SPLITS, Settings
 from ..surface.metrics import domain_jacobians, domain_stretch, strongest_patch
 from ..surface.resampling import resample_steps
+from .cleaning import clean
 from .made_base import make_base_steps
-from .reconstruct import reconstruct_steps
+from .reconstruct import reconstruct_clean
 
 BASE_SHARE = 0.2
 """Share of a run's time that making the base takes."""
@@ -27,16 +28,17 @@ def automatic_splits(points: int, triangles: int) -> int:
 def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
     """Make a base where none is given, reconstruct, and evaluate the surface as a mesh."""
     made, start = None, 0.0
+    points = clean(arrays.points, keep_strays=arrays.cloud.strays == "keep", shift=np.array(arrays.shift))
     vertices, polygons = arrays.base_vertices, arrays.polygons()
     if not arrays.has_base:
         start = BASE_SHARE
-        base = yield from within(make_base_steps(arrays.points, arrays.base_count), 0.0, start)
+        base = yield from within(make_base_steps(points.points, arrays.base_count), 0.0, start)
         made = base.vertices.astype(np.float32), base.triangles.astype(np.int32)
         vertices, polygons = made[0], list(base.triangles)
-    steps = reconstruct_steps(arrays.points, vertices, polygons, settings, arrays.cloud)
+    steps = reconstruct_clean(points, vertices, polygons, settings, arrays.cloud)
     result = yield from within(steps, start, 0.97)
     representation = result.representation
-    splits = arrays.splits or automatic_splits(len(arrays.points), len(representation.triangles))
+    splits = arrays.splits or automatic_splits(len(points.points), len(representation.triangles))
     fine = yield from within(resample_steps(representation, splits), 0.97, 1.0)
     stretch = domain_stretch(representation, domain_jacobians(representation)[0], len(representation.face_offsets) - 1)
     vertices = np.asarray(fine.vertices, dtype=np.float32)
@@ -44,7 +46,7 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
         vertices=vertices,
         corners=fine.corners.astype(np.int32),
         sizes=fine.sizes.astype(np.int32),
-        error=result.error_near(np.asarray(arrays.points, dtype=np.float64), vertices.astype(np.float64)),
+        error=result.error_near(points.rows, vertices.astype(np.float64)),
         patch=fine.at_vertices.nearest(strongest_patch(representation)).astype(np.int32),
         domain_stretch=stretch[fine.source_face],
         point_error=result.error,

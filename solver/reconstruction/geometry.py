@@ -127,7 +127,7 @@ def deviation_from_quadric(near: Array) -> Array:
 
 def one_sided_normals(points: Array, near: Indices) -> Array:
     """Normals (P, 3), each from the flattest neighbourhood that a point is in the middle of."""
-    normals, flatness, centres = _planes(points, near)
+    normals, flatness, centres = local_planes(points, near)
     rivals = near[:, : min(PLANES_TO_CHOOSE_FROM, near.shape[1])]
     off = ((points[:, None] - centres[rivals]) * normals[rivals]).sum(axis=2)
     best = (flatness[rivals] + off**2).argmin(axis=1)
@@ -135,7 +135,7 @@ def one_sided_normals(points: Array, near: Indices) -> Array:
     return chosen
 
 
-def _planes(points: Array, near: Indices) -> tuple[Array, Array, Array]:
+def local_planes(points: Array, near: Indices) -> tuple[Array, Array, Array]:
     """Planes of least squares through the neighbours: normals (P, 3), mean squared distances (P,), centres (P, 3)."""
     around = points[near]
     centres = around.mean(axis=1)

@@ -18,9 +18,10 @@ from ..errors import InputError
 from ..mesh.decimation import decimated
 from ..progress import Progress, Steps, run_to_end
 from .base import checked_base, drawn_to_points
+from .cleaning import clean
 from .geometry import analyse
 from .level_set import Grid, level_set
-from .reconstruct import checked_points, refuse_flat
+from .reconstruct import refuse_flat
 from .shell import has_cavity, is_open, outer_parts, sheet, unpinched, without_slivers
 
 REACHES = (2.0, 2.5, 3.0, 4.0, 6.0)
@@ -47,9 +48,6 @@ FEWEST, MOST = 12, 20_000
 HALFWAY = 1.5
 """Slivers are left out first when this many times the wanted vertices are left."""
 
-SAME_PLACE = 1e-6
-"""Points in the same cell of a grid this fine, in longest sides, count as one."""
-
 
 @dataclass(frozen=True)
 class Base:
@@ -75,18 +73,16 @@ def make_base(points: ArrayLike, count: int = 0) -> Base:
     InputError
         When the points span no volume, or no manifold could be made around them.
     """
-    return run_to_end(make_base_steps(points, count))
+    return run_to_end(make_base_steps(clean(points).points, count))
 
 
-def make_base_steps(points: ArrayLike, count: int = 0) -> Steps[Base]:
-    """`make_base` as a generator of `Progress`."""
+def make_base_steps(points: Array, count: int = 0) -> Steps[Base]:
+    """`make_base` as a generator of `Progress`, from points (P, 3) that were cleaned before."""
     yield Progress("Making the base", 0.0)
-    checked = checked_points(points)
-    refuse_flat(checked)
-    middle = 0.5 * (checked.min(axis=0) + checked.max(axis=0))
-    size = float(np.ptp(checked, axis=0).max())
-    places = (checked - middle) / size
-    places = places[np.sort(np.unique(np.round(places / SAME_PLACE), axis=0, return_index=True)[1])]
+    refuse_flat(points)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    size = float(np.ptp(points, axis=0).max())
+    places = (points - middle) / size
     closed, vertices, triangles = _fine(places)
     yield Progress("Making the base", 0.3)
     count = count or int(np.clip(len(places) // POINTS_A_VERTEX, FEWEST, MOST))

@@ -31,6 +31,7 @@ from ..settings import CloudSettings, Settings
 from ..surface.metrics import domain_jacobians, faces_turned, flipped_triangles
 from ..surface.representation import Representation
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
+from .cleaning import CleanCloud, clean
 from .correction import nearest_on_surface
 from .distances import both_ways
 from .geometry import CloudGeometry, analyse
@@ -41,7 +42,6 @@ from .result import Reconstruction
 from .robust_weights import robust_weights, spread
 from .tangent_planes import TangentPlanes
 
-FEWEST_POINTS = 4
 CORRECTION_STEPS = 2
 MEASURING_STEPS = 5
 """Steps towards the nearest point of the surface, between fits and when errors are measured."""
@@ -117,36 +117,26 @@ def reconstruct_steps(
     executor: Executor | None = None,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
+    cloud = cloud or CloudSettings()
+    points = clean(points, keep_strays=cloud.strays == "keep")
+    return (yield from reconstruct_clean(points, base_vertices, base_faces, settings, cloud, executor=executor))
+
+
+def reconstruct_clean(
+    points: CleanCloud,
+    base_vertices: ArrayLike,
+    base_faces: ArrayLike | Sequence[Sequence[int]],
+    settings: Settings | None,
+    cloud: CloudSettings,
+    *,
+    executor: Executor | None = None,
+) -> Steps[Reconstruction]:
+    """`reconstruct_steps` from points that were cleaned before."""
     settings = replace((settings or Settings()).resolved(), keep_iterations=False, denoise="off")
-    checked = checked_points(points)
     base = checked_base(base_vertices, base_faces)
-    refuse_distant(checked, base)
-    with chunk_runner(settings, len(checked), executor) as runner:
-        return (yield from noting_early_end(_Work(checked, base, settings, cloud or CloudSettings(), runner).steps()))
-
-
-def checked_points(points: ArrayLike) -> Array:
-    """Return points as an array (P, 3).
-
-    Raises
-    ------
-    InputError
-        When there are fewer than four, or one is not finite.
-    """
-    try:
-        array = np.array(points, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("The points must be an array of three numbers each.") from None
-    if array.size and (array.ndim != 2 or array.shape[1] != 3):
-        raise InputError(f"The points must be an array of three numbers each, not of shape {array.shape}.")
-    if len(array) < FEWEST_POINTS:
-        raise InputError(f"A surface needs at least {FEWEST_POINTS} points; there are {len(array)}.")
-    wrong = ~np.isfinite(array).all(axis=1)
-    if wrong.any():
-        raise InputError(f"Point {int(np.argmax(wrong))} has a coordinate that is not a finite number.")
-    if float(np.ptp(array, axis=0).max()) == 0.0:
-        raise InputError("All the points are at one place.")
-    return array
+    refuse_distant(points.points, base)
+    with chunk_runner(settings, len(points.points), executor) as runner:
+        return (yield from noting_early_end(_Work(points, base, settings, cloud, runner).steps()))
 
 
 def refuse_flat(points: Array) -> None:
@@ -168,11 +158,12 @@ class _Work:
     """One reconstruction under way."""
 
     def __init__(
-        self, points: Array, base: TriangleMesh, settings: Settings, cloud: CloudSettings, runner: ChunkRunner
+        self, clean: CleanCloud, base: TriangleMesh, settings: Settings, cloud: CloudSettings, runner: ChunkRunner
     ) -> None:
-        self.points, self.base, self.settings, self.cloud, self.runner = points, base, settings, cloud, runner
+        self.clean, self.points = clean, clean.points
+        self.base, self.settings, self.cloud, self.runner = base, settings, cloud, runner
         self.watch = Stopwatch()
-        self.weights = np.ones(len(points))
+        self.weights = np.ones(len(self.points))
 
     def steps(self) -> Steps[Reconstruction]:
         yield Progress("Looking at the points", 0.0)
@@ -319,7 +310,7 @@ class _Work:
             faces_turned=faces_turned(self.mesh.vertices, vertices, self.mesh.face_offsets, self.mesh.face_corners),
             iterations=iterations,
             counts={
-                "points": count,
+                **self.clean.counts(),
                 "spacing": self.geometry.spacing,
                 "noise": self.geometry.noise,
                 "crease_points": len(self._creases()),
@@ -328,7 +319,28 @@ class _Work:
             cloud=self.cloud.as_dict(),
             cloud_distances=both_ways(representation, self.points, distance, self.geometry.spacing),
         )
-        return Reconstruction(vertices, distance, feet.triangle, feet.barycentric, self.weights, report, representation)
+        strays = self._strays(representation)
+        return Reconstruction(
+            vertices=vertices,
+            error=self.clean.of_rows(distance, strays[1]),
+            triangle=self.clean.of_rows(feet.triangle, strays[0].triangle),
+            barycentric=self.clean.of_rows(feet.barycentric, strays[0].barycentric),
+            weights=self.clean.of_rows(self.weights, np.zeros(len(self.clean.rows))),
+            used=self.clean.source >= 0,
+            measures=report,
+            representation=representation,
+        )
+
+    def _strays(self, representation: Representation) -> tuple[Footpoints, Array]:
+        """Nearest places, and distances, of the rows that are strays; zeros for all others."""
+        rows = self.clean.rows
+        triangle, barycentric, distance = np.zeros(len(rows), np.int64), np.zeros((len(rows), 3)), np.zeros(len(rows))
+        which = np.flatnonzero(self.clean.strays)
+        if len(which):
+            start = project(rows[which], self.mesh)
+            feet, distance[which] = nearest_on_surface(representation, self.mesh, rows[which], start, MEASURING_STEPS)
+            triangle[which], barycentric[which] = feet.triangle, feet.barycentric
+        return Footpoints(triangle, barycentric), distance
 
     def _normal_error(self, representation: Representation, feet: Footpoints) -> float:
         """Mean angle between the surface and the planes of the points' neighbours, degrees."""

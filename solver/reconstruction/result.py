@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..approximation.report import Report
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..surface.representation import Representation
 
 
@@ -23,11 +23,13 @@ class Reconstruction:
     vertices
         The surface at the base's vertices, (V, 3), scene units.
     error
-        Distance of each point from the surface, (P,), scene units.
+        Distance of each point from the surface, (P,), scene units; 0 where coordinates are not finite.
     triangle, barycentric
         The surface's point nearest to each point: triangle of the base (P,) and barycentric coordinates (P, 3).
     weights
-        How much each point counted, in [0, 1], (P,).
+        How much each point counted, in [0, 1], (P,); 0 for what was left out.
+    used
+        Which points were not left out as strays or not finite, (P,).
     measures
         Measures, counts and times.
     representation
@@ -39,6 +41,7 @@ class Reconstruction:
     triangle: Indices
     barycentric: Array
     weights: Array
+    used: Booleans
     measures: Report
     representation: Representation
 
@@ -50,11 +53,12 @@ class Reconstruction:
     def error_near(self, points: Array, positions: Array) -> Array:
         """Error of the points around positions (N, 3), for a heat map of the surface, (N,).
 
-        The mean of the four nearest points, weighted with the inverse of their distance.
+        The mean of the four nearest points that were used, weighted with the inverse of their distance.
         """
+        points, error = points[self.used], self.error[self.used]
         count = min(4, len(points))
         distance, nearest = cKDTree(points).query(positions, k=count)
         share = 1.0 / (distance.reshape(len(positions), count) + 1e-9 * float(np.ptp(points, axis=0).max()) + 1e-300)
-        values = self.error[nearest.reshape(len(positions), count)]
+        values = error[nearest.reshape(len(positions), count)]
         result: Array = (share * values).sum(axis=1) / share.sum(axis=1)
         return result

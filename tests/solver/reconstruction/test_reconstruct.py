@@ -202,12 +202,34 @@ def test_outliers_do_not_count(kind: str) -> None:
     cloud = ball(1500, 30, noise=0.002)
     stray = np.random.default_rng(5).uniform(-0.6, 0.6, size=(75, 3))
     dirty = replace(cloud, points=np.concatenate([cloud.points, stray]))
-    plain, robust = fitted(dirty, QUICK), fitted(dirty, QUICK, robust=kind)
+    plain, robust = (fitted(dirty, QUICK, robust=each, strays="keep") for each in ("none", kind))
     assert rms(cloud.distance(evaluated(robust)[0])) < 1.5e-3
     assert rms(cloud.distance(evaluated(plain)[0])) > 5e-3
     assert robust.weights[:1500].mean() > 0.9
     assert robust.weights[1500:].mean() < 0.15
     assert robust.report["input"]["outliers"] > 50
+
+
+def test_what_does_not_count_is_left_out_and_counted() -> None:
+    cloud = ball(1500, 30, noise=0.002)
+    random = np.random.default_rng(5)
+    stray = random.uniform(-0.6, 0.6, size=(75, 3))
+    stray = stray[np.abs(np.linalg.norm(stray, axis=1) - 0.5) > 0.2]
+    rows = np.concatenate([cloud.points, stray, cloud.points[:200] + 1e-9, [[np.nan, 0, 0], [0, np.inf, 0]]])
+    result = fitted(replace(cloud, points=rows), QUICK)
+    counts = {name: result.report["input"][name] for name in ("points", "used", "strays", "duplicates", "not_finite")}
+    assert counts == {"points": len(rows), "used": 1500, "strays": len(stray), "duplicates": 200, "not_finite": 2}
+    assert rms(cloud.distance(evaluated(result)[0])) < 1.5e-3
+    clean = fitted(cloud, QUICK)
+    np.testing.assert_allclose(result.error[:1500], clean.error, atol=5e-4)
+    np.testing.assert_allclose(result.error[len(rows) - 202 : -2], clean.error[:200], atol=5e-4)
+    np.testing.assert_allclose(
+        result.error[1500 : 1500 + len(stray)], np.abs(np.linalg.norm(stray, axis=1) - 0.5), atol=0.01
+    )
+    assert result.used.sum() == 1700
+    assert not result.used[1500 : 1500 + len(stray)].any()
+    assert not result.weights[~result.used].any()
+    assert (result.error[-2:] == 0.0).all()
 
 
 def test_a_hole_in_the_cloud_is_bridged() -> None:
@@ -358,11 +380,11 @@ def test_closing_cancels() -> None:
         (np.ones((7, 3)), r"^All the points are at one place\.$"),
         (
             np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0], [0, 0, 1.0]]),
-            r"^Point 2 has a coordinate that is not a finite number\.$",
+            r"^A surface needs at least 4 points; of 4 only 3 can be used\.$",
         ),
         (
-            np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, np.inf]]),
-            r"^Point 3 has a coordinate that is not a finite number\.$",
+            np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, np.inf], [0, 1, 0]]),
+            r"^A surface needs at least 4 points; of 5 only 3 can be used\.$",
         ),
     ],
     ids=["none", "three", "plane", "text", "same", "nan", "inf"],
