@@ -118,8 +118,8 @@ def reconstruct_steps(
 ) -> Steps[Reconstruction]:
     """`reconstruct` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
     cloud = cloud or CloudSettings()
-    points = clean(points, keep_strays=cloud.strays == "keep")
-    return (yield from reconstruct_clean(points, base_vertices, base_faces, settings, cloud, executor=executor))
+    found = clean(points, keep_strays=cloud.strays == "keep")
+    return (yield from reconstruct_clean(found, base_vertices, base_faces, settings, cloud, executor=executor))
 
 
 def reconstruct_clean(
