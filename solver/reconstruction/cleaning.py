@@ -107,7 +107,7 @@ def clean(points: ArrayLike, keep_strays: bool = False, shift: Array | None = No
         When the rows are not three numbers each, or fewer than four points are left.
     """
     rows = _rows(points)
-    finite: Booleans = np.isfinite(rows).all(axis=1)
+    finite = np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)
     _refuse_few(int(finite.sum()), len(rows))
     places = rows[finite]
     if float(np.ptp(places, axis=0).max()) == 0.0:
