@@ -32,12 +32,13 @@ OPERATORS = (
     "show_patches",
     "show_source",
     "use_as_source",
+    "use_heat_map_material",
 )
 """The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
 
 WATCHERS = (
     "data.origins", "run.session", "run.watch", "run.preloading", "preview.object", "heat_map.shown",
-    "heat_map.following",
+    "heat_map.following", "heat_map.asset_library",
 )  # fmt: skip
 """Modules with handlers for what happens in Blender."""
 

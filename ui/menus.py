@@ -22,6 +22,7 @@ LOOK: tuple[Entry, ...] = (
     ("show_heat_map", "COLOR"),
     ("show_patches", "COLOR"),
     ("show_source", "HIDE_OFF"),
+    ("use_heat_map_material", "MATERIAL"),
     ("inspect_patch", "VIEWZOOM"),
     ("clear_inspection", "TRASH"),
 )

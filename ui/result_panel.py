@@ -81,7 +81,9 @@ class SPARSE_SURFACE_PT_display(UnderResult, Panel):
         return bool(has_heat_map(context.active_object) and context.scene.sparse_surface.job != "MEASURE")
 
     def draw(self, context: Context) -> None:
-        draw_display(self.column(context), context.scene.sparse_surface)
+        column = self.column(context)
+        draw_display(column, context.scene.sparse_surface)
+        column.operator("sparse_surface.use_heat_map_material", icon="MATERIAL")
 
 
 class SPARSE_SURFACE_PT_representation(UnderResult, Panel):
