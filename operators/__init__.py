@@ -22,6 +22,7 @@ OPERATORS = (
     "import_points",
     "import_representation",
     "inspect_patch",
+    "open_sample",
     "preset_add",
     "reconstruct",
     "report_bug",

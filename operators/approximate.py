@@ -10,7 +10,6 @@ from bpy.props import BoolProperty
 from bpy.types import Context, Object, Operator
 
 from .data.objects import chosen_objects, selected_meshes
-from .data.result_keys import WITH_MODIFIERS
 from .run.operator import Solved, SolverOperator, Task, read_sources, scene_settings
 from .run.poll import MESHES_TO_SOLVE, needs
 
@@ -45,14 +44,11 @@ class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
 
     def make_objects(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> list[Object]:
         """A result object for each source."""
-        from .data.results import create_result  # NumPy-heavy, as `scale`: enabling the add-on loads this module
-        from .heat_map.scale import colour_scale
+        from .heat_map.scale import create_coloured  # NumPy-heavy: enabling the add-on loads this module
 
         replacing = context.scene.sparse_surface.replace_result
 
         def make(source: Source, result: Approximation) -> Object:
-            made = create_result(context, source, result, colour_scale(context.scene, result.error), replace=replacing)
-            made[WITH_MODIFIERS] = source.evaluated
-            return made
+            return create_coloured(context, source, result, replace=replacing)
 
         return self.make_each(make, context, done, refusals)

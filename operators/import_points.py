@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import StringProperty
-from bpy.types import Context, Operator
+from bpy.types import Context, Object, Operator
 
-from ..solver.errors import SparseSurfaceError
-from .data.objects import select_only
 from .files.chosen import FileReader
 from .run.poll import needs, no_run, object_mode
 
@@ -23,23 +23,10 @@ class SPARSE_SURFACE_OT_import_points(FileReader, Operator):
 
     poll = needs(object_mode, no_run)
 
-    def execute(self, context: Context) -> set[str]:
+    def read(self, path: Path, context: Context) -> Object:
+        """Make a mesh of nothing but vertices."""
         from .files.points import new_object, points_of_text  # NumPy-heavy: enabling the add-on loads this module
 
-        made, refusals = [], []
-        for path in self.paths():
-            try:
-                made.append(new_object(path.stem, points_of_text(path)))
-            except OSError as error:
-                refusals.append(rpt_("'{}' cannot be read: {}.").format(path.name, error.strerror))
-            except SparseSurfaceError as error:
-                refusals.append(str(error))
-            else:
-                count = len(made[-1].data.vertices)
-                self.report({"INFO"}, rpt_("'{}': {} points").format(made[-1].name, count))
-        for sentence in refusals or ([] if made else [rpt_("Choose a file")]):
-            self.report({"WARNING"} if made else {"ERROR"}, sentence)
-        if not made:
-            return {"CANCELLED"}
-        select_only(context, made)
-        return {"FINISHED"}
+        made = new_object(path.stem, points_of_text(path))
+        self.report({"INFO"}, rpt_("'{}': {} points").format(made.name, len(made.data.vertices)))
+        return made

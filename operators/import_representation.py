@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from bpy.app.translations import pgettext_rpt as rpt_
-from bpy.props import StringProperty
-from bpy.types import Context, Operator
+from pathlib import Path
 
-from ..solver.errors import SparseSurfaceError
-from .data.objects import select_only
+from bpy.props import StringProperty
+from bpy.types import Context, Object, Operator
+
 from .files.chosen import FileReader
 from .run.poll import needs, no_run, object_mode, packages
 
@@ -23,20 +22,8 @@ class SPARSE_SURFACE_OT_import_representation(FileReader, Operator):
 
     poll = needs(packages, object_mode, no_run)
 
-    def execute(self, context: Context) -> set[str]:
+    def read(self, path: Path, context: Context) -> Object:
+        """Make a result object without a report."""
         from .representation.opened import open_representation  # loads SciPy; enabling the add-on must not
 
-        made, refusals = [], []
-        for path in self.paths():
-            try:
-                made.append(open_representation(path, context))
-            except OSError as error:
-                refusals.append(rpt_("'{}' cannot be read: {}.").format(path.name, error.strerror))
-            except SparseSurfaceError as error:
-                refusals.append(str(error))
-        for sentence in refusals or ([] if made else [rpt_("Choose a file")]):
-            self.report({"WARNING"} if made else {"ERROR"}, sentence)
-        if not made:
-            return {"CANCELLED"}
-        select_only(context, made)
-        return {"FINISHED"}
+        return open_representation(path, context)

@@ -41,7 +41,9 @@ class SPARSE_SURFACE_PT_help(SubPanel, Panel):
     def draw(self, context: Context) -> None:
         for number, step in enumerate(STEPS[context.scene.sparse_surface.job], start=1):
             draw_lines(self.layout, f"{number}. {iface_(step)}", "NONE")
-        draw_help(self.layout.column(align=True))
+        column = self.layout.column(align=True)
+        column.operator("sparse_surface.open_sample", icon="SCENE_DATA")
+        draw_help(column)
 
 
 CLASSES = (SPARSE_SURFACE_PT_help,)

@@ -58,6 +58,7 @@ class SPARSE_SURFACE_MT_object(Menu):
         for name, _ in (*IMPORT, *EXPORT):
             layout.operator(f"sparse_surface.{name}")
         layout.separator()
+        layout.operator("sparse_surface.open_sample", icon="SCENE_DATA")
         draw_help(layout)
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bpy.types import PropertyGroup, Scene
+from bpy.types import Context, Object, PropertyGroup, Scene
 from numpy.typing import NDArray
 
 from ..data.attributes import read, show_colours
 from ..data.colours import ColourScale
-from ..data.result_keys import EARLY, ERROR, PATCH_COLOUR, SCALE, has_heat_map, shows_patches
-from ..data.results import write_error
+from ..data.result_keys import EARLY, ERROR, PATCH_COLOUR, SCALE, WITH_MODIFIERS, has_heat_map, shows_patches
+from ..data.results import create_result, write_error
 from .shown import anywhere_shown
+
+if TYPE_CHECKING:
+    from ...solver.approximation.result import Approximation
+    from ..data.meshes import Source
 
 
 def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
@@ -27,6 +31,19 @@ def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale
     else:
         high = float(errors.max(initial=0.0))
     return ColourScale(-high if signed else 0.0, high, shown_tolerance(scene))
+
+
+def create_coloured(context: Context, source: Source, result: Approximation, *, replace: bool) -> Object:
+    """Make the result object on the scene's scale; with `replace` in the place of an earlier one.
+
+    Raises
+    ------
+    InputError
+        When the source was removed or edited since it was read.
+    """
+    made = create_result(context, source, result, colour_scale(context.scene, result.error), replace=replace)
+    made[WITH_MODIFIERS] = source.evaluated
+    return made
 
 
 def shown_tolerance(scene: Scene) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 
+from ...solver.native.library import reason_against
 from ...solver.version import VERSION
 from .requirements import package_versions
 
@@ -31,8 +32,6 @@ def bug_page() -> str:
 
 def system_text() -> str:
     """Return what a bug report needs to know: the versions of everything, a line each."""
-    from ...solver.native.library import reason_against  # NumPy-heavy: drawing a panel asks for the pages only
-
     kernel = reason_against()
     lines = {
         "Sparse Surface": VERSION,

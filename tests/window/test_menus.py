@@ -109,5 +109,18 @@ def test_help_opens_in_the_sidebar_with_one_click(monkeypatch):
     assert drawn
 
 
+def test_the_sample_scene_is_seen_whole():
+    driver.clear_scene()
+    own = bpy.context.scene
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.open_sample("INVOKE_DEFAULT", True) == {"FINISHED"}
+    yield 1.0
+    yield from driver.open_sidebar()
+    driver.shot("sample")
+    assert driver.window().scene != own
+    driver.window().scene = own
+    yield 0.3
+
+
 if __name__ == "__main__":
     driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
