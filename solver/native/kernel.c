@@ -11,3 +11,5 @@
 #include "variable_projection.c"
 #include "chunk.c"
 #include "examine.c"
+#include "representation.c"
+#include "taylor.c"

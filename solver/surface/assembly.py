@@ -54,4 +54,5 @@ def assemble(
         support=padded([fit.support for fit in fits], (3, sparsity), -1).astype(np.int64),
         coefficients=padded([fit.coefficients for fit in fits], (3, sparsity), 0.0),
         energy=padded([fit.energy for fit in fits], (iterations,), np.nan),
+        solver=settings.solver,
     )

@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..native import surface as native
 from .representation import Representation
 from .taylor import LATTICE, TO_BERNSTEIN, DerivativeBounds, Expansions
 
@@ -236,6 +237,8 @@ class _ErrorModel:
         ends = np.matmul(corners, surface.domains[:, surface.corners[held]])  # (C, n, 3, 2)
         patch = surface.patch_of_triangle[held]
         runs = np.flatnonzero(np.diff(patch, prepend=-1, append=-1))
+        if surface.native_functions is not None:
+            return native.taylor_models(surface.native_functions, self._limits, runs, patch[runs[:-1]], ends, LATTICE)
         for c, parameters in enumerate(ends):
             pieces = Expansions(surface.dictionary, parameters, self._derivative_bounds)
             axes = slice(None) if channels == 1 else slice(c, c + 1)
@@ -246,6 +249,11 @@ class _ErrorModel:
                 taylor[rows, :, axes] = (values / scale[:, None, None]).transpose(1, 2, 0) + surface.origins[k][axes]
                 left_out[rows, axes] = (rest / scale[:, None]).T
         return taylor, left_out
+
+    @cached_property
+    def _limits(self) -> native.Limits:
+        own = self._derivative_bounds
+        return native.Limits(own.low, own.width, own.levels)
 
     @cached_property
     def _derivative_bounds(self) -> DerivativeBounds:

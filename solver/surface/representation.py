@@ -18,6 +18,8 @@ from ..atomic_files import atomic_output
 from ..errors import InputError
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.normals import unit
+from ..native import surface as native
+from ..native.library import reason_against
 from . import files
 
 POINTS_AT_ONCE = 2048
@@ -64,6 +66,8 @@ class Representation:
         Sparse coefficients of every patch and coordinate, (K, 3, s); support -1 where fewer are used.
     energy
         Objective of each patch after each iteration, in the patch's scale, (K, I); NaN where a patch took fewer.
+    solver
+        "native" or "numpy": what evaluates the surface, with differences of rounding.  Not stored.
     """
 
     vertices: Array
@@ -87,6 +91,7 @@ class Representation:
     support: Indices
     coefficients: Array
     energy: Array
+    solver: str = "native"
 
     @property
     def patches(self) -> int:
@@ -141,6 +146,18 @@ class Representation:
         return left
 
     @cached_property
+    def native_functions(self) -> native.Functions | None:
+        """The patches' functions as the compiled kernel takes them; None where NumPy evaluates them."""
+        if self.solver != "native" or reason_against() is not None:
+            return None
+        legendre = self.basis == "legendre"
+        return native.Functions(self.support, self.coefficients, self.origins, self.scales, self.degree, legendre)
+
+    @cached_property
+    def _native_blend(self) -> native.Blend:
+        return native.Blend(self.triangle_offsets, self.mesh_triangles, self.corners, self.corner_weights, self.domains)
+
+    @cached_property
     def _grids(self) -> Array:
         """Coefficients spread over the degrees, (K, 3, t + 1, t + 1)."""
         return coefficient_grid(self.dictionary.degrees, self.support, self.coefficients, self.degree)
@@ -185,6 +202,9 @@ class Representation:
 
         The polynomials' tables are computed for many patches at once, because single patches are expensive.
         """
+        if self.native_functions is not None:
+            values[:] = native.patch_values(self.native_functions, first, offsets - offsets[0], domain)
+            return
         u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
         offsets = offsets - offsets[0]
         for patch, (start, stop) in enumerate(pairwise(offsets), first):
@@ -316,11 +336,16 @@ class Representation:
         inside = np.stack([column[order] for column in inside.T])
         sums = self._input_part(face[order], inside, tangents)
         runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
+        result = np.empty((len(face), len(sums)))
+        if self.native_functions is not None:
+            blended = np.ascontiguousarray(sums.T)
+            native.add_patches(self.native_functions, self._native_blend, runs, inside.T, blended)
+            result[order] = blended
+            return result.reshape(len(face), -1, 3)
         for patch, points, triangle in self._portions(runs):
             part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
             for total, own in zip(sums, part, strict=True):
                 total[points] += own
-        result = np.empty((len(face), len(sums)))
         result[order] = sums.T
         return result.reshape(len(face), len(sums) // 3, 3)
 

@@ -78,10 +78,14 @@ def test_every_core_works():
     yield from driver.start_job(150, iterations=60, solver="numpy")
     yield from driver.wait_for(lambda: driver.running().progress.fraction > 0.1, 120.0, "work on patches")
     before = {child: driver.processor_seconds(child) for child in driver.children()}
-    yield 2.0
-    assert driver.running() is not None
-    worked = [driver.processor_seconds(child) - seconds for child, seconds in before.items()]
-    assert sum(seconds > 0.3 for seconds in worked) >= min(len(os.sched_getaffinity(0)), 4), worked
+    cores = min(len(os.sched_getaffinity(0)), 4)
+
+    def all_have_worked():
+        assert driver.running() is not None
+        return sum(driver.processor_seconds(child) - seconds > 0.3 for child, seconds in before.items()) >= cores
+
+    # on a busy machine children, which give way to all other programs, wait for their turn
+    yield from driver.wait_for(all_have_worked, 30.0, "work of every core")
     driver.press("ESC")
     yield from driver.assert_nothing_left({"Creased"})
 

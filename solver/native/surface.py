@@ -1,0 +1,199 @@
+"""Evaluating a finished surface by the compiled kernel: `representation.c` and `taylor.c`."""
+
+from __future__ import annotations
+
+from ctypes import Structure, byref, c_double, c_int64, c_void_p
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array, Indices
+from .library import function
+
+
+class Functions(NamedTuple):
+    """The sparse functions of K patches.
+
+    Attributes
+    ----------
+    support, coefficients
+        Chosen functions of each patch and coordinate, -1 where fewer are used, and their coefficients, (K, 3, s).
+    origins, scales
+        value = origin + h / scale, (K, 3) and (K, C).
+    degree, legendre
+        The dictionary: highest total degree, and whether the basis is Legendre's.
+    """
+
+    support: Indices
+    coefficients: Array
+    origins: Array
+    scales: Array
+    degree: int
+    legendre: bool
+
+
+class Blend(NamedTuple):
+    """Where the patches lie, and how much they count there.
+
+    Attributes
+    ----------
+    triangle_offsets, mesh_triangles
+        Which patch triangles belong to each patch, (K + 1,), and the mesh triangle that each is, (S,).
+    corners, weights
+        Patch vertices at the corners of the patch triangles, and blending weights there, (S, 3).
+    domains
+        Domains, (C, M, 2).
+    """
+
+    triangle_offsets: Indices
+    mesh_triangles: Indices
+    corners: Indices
+    weights: Array
+    domains: Array
+
+
+class Limits(NamedTuple):
+    """Largest derivatives of the one-variable polynomials, as in `surface.taylor.DerivativeBounds`."""
+
+    low: float
+    width: float
+    levels: Array
+
+
+class _Functions(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("channels", "width", "degree", "legendre")),
+        *((name, c_void_p) for name in ("support", "coefficients", "origins", "scales")),
+    )
+
+
+class _Blend(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("patches", "vertex_count")),
+        *((name, c_void_p) for name in ("triangle_offsets", "mesh_triangles", "corners", "weights", "domains")),
+    )
+
+
+class _Limits(Structure):
+    _fields_ = (("low", c_double), ("width", c_double), ("cells", c_int64), ("levels", c_void_p))
+
+
+class _Models(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("runs", "count")),
+        *((name, c_void_p) for name in ("offsets", "patch", "triangles")),
+        ("places", c_int64),
+        *((name, c_void_p) for name in ("lattice", "values", "left_out")),
+    )
+
+
+class _Memory:
+    """Addresses of arrays in the form that the kernel reads; it keeps the arrays alive."""
+
+    def __init__(self) -> None:
+        self._arrays: list[NDArray[Any]] = []
+
+    def whole(self, array: NDArray[Any]) -> int:
+        return self._kept(np.ascontiguousarray(array, dtype=np.int64))
+
+    def real(self, array: NDArray[Any]) -> int:
+        return self._kept(np.ascontiguousarray(array, dtype=np.float64))
+
+    def functions(self, own: Functions) -> _Functions:
+        return _Functions(
+            own.scales.shape[1],
+            own.support.shape[2],
+            own.degree,
+            own.legendre,
+            self.whole(own.support),
+            self.real(own.coefficients),
+            self.real(own.origins),
+            self.real(own.scales),
+        )
+
+    def _kept(self, array: NDArray[Any]) -> int:
+        self._arrays.append(array)
+        return array.ctypes.data
+
+
+def _run(name: str, *arguments: Any) -> None:
+    if function(name)(*arguments):
+        raise MemoryError("There is not enough memory to evaluate the surface.")
+
+
+def patch_values(functions: Functions, first: int, offsets: Indices, domain: Array) -> Array:
+    """Values (N, 3) of patches from `first` on at parameters (C, N, 2) that are split at `offsets`."""
+    memory, values = _Memory(), np.empty((domain.shape[1], 3))
+    native, count = memory.functions(functions), len(offsets) - 1
+    places = (c_void_p(address) for address in (memory.whole(offsets), memory.real(domain), memory.real(values)))
+    _run("patch_values", byref(native), c_int64(first), c_int64(count), *places)
+    return values
+
+
+def add_patches(functions: Functions, blend: Blend, runs: Indices, inside: Array, points: Array) -> None:
+    """Add what the patches contribute to the surface at points that are sorted by triangle.
+
+    Parameters
+    ----------
+    runs
+        The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
+    inside
+        Barycentric coordinates, (N, 3).
+    points
+        What is added to, contiguous: (N, 3), or (N, 9) with the derivatives along the edges 0 -> 1 and 0 -> 2 behind.
+    """
+    memory = _Memory()
+    native = memory.functions(functions)
+    where = _Blend(
+        len(blend.triangle_offsets) - 1,
+        blend.domains.shape[1],
+        memory.whole(blend.triangle_offsets),
+        memory.whole(blend.mesh_triangles),
+        memory.whole(blend.corners),
+        memory.real(blend.weights),
+        memory.real(blend.domains),
+    )
+    ends, places = c_void_p(memory.whole(runs)), c_void_p(memory.real(inside))
+    tangents = c_int64(points.shape[1] == 9)
+    _run("add_patches", byref(native), byref(where), ends, places, tangents, c_void_p(points.ctypes.data))
+
+
+def taylor_models(
+    functions: Functions, limits: Limits, runs: Indices, patch: Indices, triangles: Array, lattice: Array
+) -> tuple[Array, Array]:
+    """Taylor polynomials of patches over triangles of their domains, and what these leave out; see `surface.taylor`.
+
+    Parameters
+    ----------
+    limits
+        Largest derivatives of the polynomials.
+    runs, patch
+        Where the triangles of one patch begin, (R + 1,), and which patch it is, (R,).
+    triangles
+        Their corners, (C, n, 3, 2).
+    lattice
+        Barycentric coordinates, (L, 3), L <= 16.
+
+    Returns
+    -------
+    values, left_out
+        The polynomials at the lattice, (n, L, 3), and bounds of their remainders, (n, 3), scene units.
+    """
+    memory, count = _Memory(), triangles.shape[1]
+    values, left_out = np.empty((count, len(lattice), 3)), np.empty((count, 3))
+    native = memory.functions(functions)
+    most = _Limits(limits.low, limits.width, limits.levels.shape[2], memory.real(limits.levels))
+    models = _Models(
+        len(patch),
+        count,
+        memory.whole(runs),
+        memory.whole(patch),
+        memory.real(triangles),
+        len(lattice),
+        memory.real(lattice),
+        memory.real(values),
+        memory.real(left_out),
+    )
+    _run("taylor_models", byref(native), byref(most), byref(models))
+    return values, left_out
