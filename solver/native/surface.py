@@ -131,19 +131,19 @@ def patch_values(functions: Functions, first: int, offsets: Indices, domain: Arr
     return values
 
 
-def add_patches(functions: Functions, blend: Blend, runs: Indices, inside: Array, points: Array) -> None:
-    """Add what the patches contribute to the surface at points that are sorted by triangle.
+def with_patches(functions: Functions, blend: Blend, runs: Indices, inside: Array, sums: Array) -> Array:
+    """`sums` and what the patches contribute to the surface at points that are sorted by triangle.
 
     Parameters
     ----------
     runs
         The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
     inside
-        Barycentric coordinates, (N, 3).
-    points
-        What is added to, contiguous: (N, 3), or (N, 9) with the derivatives along the edges 0 -> 1 and 0 -> 2 behind.
+        Barycentric coordinates, (3, N).
+    sums
+        Of the points (3, N), or of points and derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (9, N).
     """
-    memory = _Memory()
+    memory, points = _Memory(), np.array(sums.T, order="C")
     native = memory.functions(functions)
     where = _Blend(
         len(blend.triangle_offsets) - 1,
@@ -154,9 +154,10 @@ def add_patches(functions: Functions, blend: Blend, runs: Indices, inside: Array
         memory.real(blend.weights),
         memory.real(blend.domains),
     )
-    ends, places = c_void_p(memory.whole(runs)), c_void_p(memory.real(inside))
-    tangents = c_int64(points.shape[1] == 9)
+    ends, places = c_void_p(memory.whole(runs)), c_void_p(memory.real(inside.T))
+    tangents = c_int64(len(sums) == 9)
     _run("add_patches", byref(native), byref(where), ends, places, tangents, c_void_p(points.ctypes.data))
+    return points.T
 
 
 def taylor_models(

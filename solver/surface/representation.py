@@ -15,21 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices, rows_in_order, runs_of_rows
 from ..atomic_files import atomic_output
-from ..errors import InputError
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.normals import unit
 from ..native import surface as native
 from ..native.library import reason_against
 from . import files
+from .flat import checked_places, flat_part
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
 
 ROUNDING = 1e-12
 """By how much a sum of weights may miss one."""
-
-SLACK = 1e-4
-"""By how much barycentric coordinates may be off; single precision computes them to 1e-7."""
 
 
 @dataclass(frozen=True)
@@ -148,14 +145,15 @@ class Representation:
     @cached_property
     def native_functions(self) -> native.Functions | None:
         """The patches' functions as the compiled kernel takes them; None where NumPy evaluates them."""
-        if self.solver != "native" or reason_against() is not None:
+        if self.solver != "native" or reason_against():
             return None
-        legendre = self.basis == "legendre"
-        return native.Functions(self.support, self.coefficients, self.origins, self.scales, self.degree, legendre)
+        basis = self.basis == "legendre"
+        return native.Functions(self.support, self.coefficients, self.origins, self.scales, self.degree, basis)
 
     @cached_property
     def _native_blend(self) -> native.Blend:
-        return native.Blend(self.triangle_offsets, self.mesh_triangles, self.corners, self.corner_weights, self.domains)
+        weights = self.corner_weights
+        return native.Blend(self.triangle_offsets, self.mesh_triangles, self.corners, weights, self.domains)
 
     @cached_property
     def _grids(self) -> Array:
@@ -202,11 +200,11 @@ class Representation:
 
         The polynomials' tables are computed for many patches at once, because single patches are expensive.
         """
+        offsets = offsets - offsets[0]
         if self.native_functions is not None:
-            values[:] = native.patch_values(self.native_functions, first, offsets - offsets[0], domain)
+            values[:] = native.patch_values(self.native_functions, first, offsets, domain)
             return
         u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
-        offsets = offsets - offsets[0]
         for patch, (start, stop) in enumerate(pairwise(offsets), first):
             own = self._combined(patch, u[..., start:stop], v[..., start:stop])
             values[start:stop] = own.T + self.origins[patch]
@@ -331,21 +329,19 @@ class Representation:
 
         The points are sorted by triangle, so that each patch finds its own in runs.
         """
-        face, inside = _checked_queries(face_index, barycentric, len(self.triangles))
+        face, inside = checked_places(face_index, barycentric, len(self.triangles))
         order = np.argsort(face, kind="stable")
         inside = np.stack([column[order] for column in inside.T])
-        sums = self._input_part(face[order], inside, tangents)
+        sums = flat_part(self.vertices, self.triangles, self.input_weights, face[order], inside, tangents)
         runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
-        result = np.empty((len(face), len(sums)))
         if self.native_functions is not None:
-            blended = np.ascontiguousarray(sums.T)
-            native.add_patches(self.native_functions, self._native_blend, runs, inside.T, blended)
-            result[order] = blended
-            return result.reshape(len(face), -1, 3)
-        for patch, points, triangle in self._portions(runs):
-            part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
-            for total, own in zip(sums, part, strict=True):
-                total[points] += own
+            sums = native.with_patches(self.native_functions, self._native_blend, runs, inside, sums)
+        else:
+            for patch, points, triangle in self._portions(runs):
+                part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
+                for total, own in zip(sums, part, strict=True):
+                    total[points] += own
+        result = np.empty((len(face), len(sums)))
         result[order] = sums.T
         return result.reshape(len(face), len(sums) // 3, 3)
 
@@ -392,34 +388,6 @@ class Representation:
                 slope = along_u * edge[0] + along_v * edge[1]
                 parts.append((weights[k] - weights[0]) * value + phi * slope)
         return np.concatenate(parts)
-
-    def _input_part(self, face: Indices, inside: Array, tangents: bool) -> Array:
-        """The same of the input itself, where it shows through, (3 or 9, N)."""
-        sums = np.zeros((9 if tangents else 3, len(face)))
-        shows = np.flatnonzero(self.input_weights.max(axis=1, initial=0.0)[face])
-        if not len(shows):
-            return sums
-        corners = self.vertices[self.triangles[face[shows]]].transpose(1, 2, 0)
-        weights, inside = self.input_weights[face[shows]].T, inside[:, shows]
-        flat = (inside[:, None] * corners).sum(axis=0)
-        rest = (inside * weights).sum(axis=0)
-        parts = [rest * flat]
-        for k in (1, 2) if tangents else ():
-            parts.append((weights[k] - weights[0]) * flat + rest * (corners[k] - corners[0]))
-        sums[:, shows] = np.concatenate(parts)
-        return sums
-
-
-def _checked_queries(face_index: ArrayLike, barycentric: ArrayLike, triangles: int) -> tuple[Indices, Array]:
-    face, inside = np.asarray(face_index), np.asarray(barycentric, dtype=np.float64)
-    if face.ndim != 1 or inside.shape != (len(face), 3):
-        raise InputError("Evaluating needs N face numbers and an array of N x 3 barycentric coordinates.")
-    if len(face) and (face.dtype.kind not in "iu" or face.min() < 0 or face.max() >= triangles):
-        raise InputError(f"Face numbers must be whole numbers from 0 to {triangles - 1}.")
-    # written so that NaN is refused too
-    if len(face) and not (inside.min() >= -SLACK and abs(inside.sum(axis=1) - 1.0).max() <= SLACK):
-        raise InputError("Barycentric coordinates must be three numbers from 0 to 1 with the sum 1 for each point.")
-    return face.astype(np.int64), inside
 
 
 save, load = Representation.save, Representation.load

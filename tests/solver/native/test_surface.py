@@ -81,8 +81,7 @@ def test_the_surface_is_the_weighted_sum_of_its_patches(functions: surface.Funct
     blend = two_patches(functions.scales.shape[1])
     inside = np.random.default_rng(6).dirichlet([1.0, 1.0, 1.0], 900)
     triangle = np.repeat([0, 1], [400, 500])
-    points = np.ones((900, 3))
-    surface.add_patches(functions, blend, np.array([0, 400, 900]), inside, points)
+    points = surface.with_patches(functions, blend, np.array([0, 400, 900]), inside.T, np.ones((3, 900))).T
     expected = [1.0 + blended(functions, blend, *query) for query in zip(triangle, inside, strict=True)]
     np.testing.assert_allclose(points, expected, rtol=1e-11, atol=1e-11)
 
@@ -91,8 +90,7 @@ def test_the_surface_is_the_weighted_sum_of_its_patches(functions: surface.Funct
 def test_tangents_are_differences_of_points(functions: surface.Functions) -> None:
     blend, step = two_patches(functions.scales.shape[1]), 1e-6
     inside = np.random.default_rng(7).dirichlet([3.0, 3.0, 3.0], 40)
-    points = np.zeros((40, 9))
-    surface.add_patches(functions, blend, np.array([0, 0, 40]), inside, points)
+    points = surface.with_patches(functions, blend, np.array([0, 0, 40]), inside.T, np.zeros((9, 40))).T
     for k in (1, 2):
         along = step * (np.eye(3)[k] - np.eye(3)[0])
         ahead, behind = (
