@@ -17,7 +17,10 @@ from .outputs import DISTANCE_OUTPUTS, MESH, OUTPUTS, REPORT
 
 PROGRAM = "sparse_surface"
 
-MESH_ONLY = {"denoise", "denoise_strength", "mark_creases", "noise_level", "observations", "pin_boundary"}
+MESH_ONLY = {
+    *("denoise", "denoise_strength", "mark_creases", "merge_distance", "merge_vertices", "noise_level"),
+    *("observations", "pin_boundary"),
+}
 """Settings that concern meshes only."""
 
 
@@ -179,6 +182,16 @@ def positive_number(text: str) -> int:
     return int(text)
 
 
+def merge_distance(text: str) -> float | None:
+    """Return a distance, 0 for `auto` and None for `off`; ArgumentTypeError where the text is something else."""
+    if text in ("auto", "off"):
+        return 0.0 if text == "auto" else None
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is neither a number nor auto nor off") from None
+
+
 # ------------------------------------------------------------------------------------------------------------ settings
 
 
@@ -212,7 +225,9 @@ def _add_setting(group: Any, item: dataclasses.Field[Any], place: str) -> None:
     add = functools.partial(
         group.add_argument, "--" + item.name.replace("_", "-"), dest=place, default=argparse.SUPPRESS
     )
-    if "choices" in item.metadata:
+    if item.name == "merge_distance":
+        add(type=merge_distance, metavar="D|auto|off", help=f"{text.partition(' 0:')[0]} (default: auto)")
+    elif "choices" in item.metadata:
         add(choices=list(item.metadata["choices"]), help=f"{text} (default: {item.default})")
     elif isinstance(item.default, bool):
         add(action=argparse.BooleanOptionalAction, help=f"{text} (default: {'on' if item.default else 'off'})")
@@ -224,4 +239,7 @@ def _add_setting(group: Any, item: dataclasses.Field[Any], place: str) -> None:
 
 def _given(options: argparse.Namespace, into: str) -> dict[str, Any]:
     """Return the settings that were given, by name."""
-    return {name.partition(" ")[2]: value for name, value in vars(options).items() if name.startswith(f"{into} ")}
+    given = {name.partition(" ")[2]: value for name, value in vars(options).items() if name.startswith(f"{into} ")}
+    if "merge_distance" in given and given["merge_distance"] is None:
+        return {**given, "merge_vertices": False, "merge_distance": 0.0}
+    return given

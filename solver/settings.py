@@ -189,6 +189,12 @@ class Settings(_Checked):
     noise_level: float = number(
         0.0, 0.0, 1e12, "Standard deviation of the noise in scene units. 0: estimated from the mesh"
     )
+    merge_vertices: bool = switch(
+        True, "Hold vertices on open borders together that lie at one place. The result keeps all of them"
+    )
+    merge_distance: float = number(
+        0.0, 0.0, 1e12, "Distance in scene units within which they are held together. 0: a millionth of the size"
+    )
     pin_boundary: bool = switch(False, "Keep the vertices of open borders where they are")
     solver: str = choice(
         "native",

@@ -580,3 +580,25 @@ def test_reconstruct_says_when_blender_is_missing(tmp_path: Path) -> None:
     assert done.returncode == 1
     expected = "Files are read with Blender: install its Python module (pip install bpy) or run in Blender."
     assert done.stderr == f"sparse_surface: {expected}\n"
+
+
+def test_a_seam_of_doubled_vertices_stays_closed(tmp_path: Path) -> None:
+    vertices, faces = sheet()
+    right = vertices[faces].mean(axis=1)[:, 0] > 0.0
+    shared = np.intersect1d(faces[right], faces[~right])
+    own = np.arange(len(vertices))
+    own[shared] = len(vertices) + np.arange(len(shared))
+    split = np.concatenate([vertices, vertices[shared] + [1e-6, 0.0, 0.0]])
+    model = write_obj(tmp_path / "split.obj", split, np.where(right[:, None], own[faces], faces))
+    out, report = tmp_path / "out.obj", tmp_path / "report.json"
+    done = run("approximate", model, "-o", out, "--report", report, *QUICK)
+    assert f"{len(shared)} vertices held together with others at their place" in done.stdout
+    after, _ = read_obj(out)
+    assert len(after) == len(split)
+    assert np.array_equal(after[shared], after[own[shared]])
+    assert json.loads(report.read_text())["input"]["merged_vertices"] == len(shared)
+    for distance in ("off", "1e-9"):
+        done = run("approximate", model, "-o", out, "--merge-distance", distance, *QUICK)
+        assert "not held together" in done.stdout
+        assert not np.array_equal(read_obj(out)[0][shared], read_obj(out)[0][own[shared]])
+    assert run("approximate", model, "-o", out, "--merge-distance", "near").returncode == 2

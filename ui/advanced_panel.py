@@ -17,7 +17,7 @@ PATCHES = ("ring", "degree", "sparsity", "automatic_sparsity", "sweeps", "blendi
 DOMAIN = ("initial_domain", "domains", "iterations", "beta1", "beta2", "adaptive", "mark_creases", "pin_boundary")
 PAPER = ("method", "basis", "pursuit", "observations")
 OF_ONE_METHOD = tuple(name for method in METHODS.values() for name in method.own_settings)
-OUTPUT = ("keep_iterations", "solver", "workers")
+OUTPUT = ("keep_iterations", "solver", "merge_vertices", "merge_distance", "workers")
 
 _PLACED = {*OF_JOBS, *PATCHES, *DOMAIN, *PAPER, *OF_ONE_METHOD, *OUTPUT}
 MORE = tuple(name for name in SOLVER_NAMES if name not in _PLACED)
@@ -95,8 +95,10 @@ class SPARSE_SURFACE_PT_output(UnderAdvanced, Panel):
         kind.active = settings.show_preview
         kind.prop(settings, "preview_kind")
         column.separator()
-        for name in OUTPUT[:-1]:
+        for name in OUTPUT[:-2]:
             column.prop(settings, name)
+        if settings.merge_vertices:
+            draw_optional(column, settings, "merge_distance")
         draw_optional(column, settings, "workers")
 
 

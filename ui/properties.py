@@ -50,10 +50,10 @@ CHOICE_NAMES = {
     "numpy": "NumPy",
 }
 
-LENGTHS = {"tolerance", "noise_level", "noise"}
+LENGTHS = {"tolerance", "noise_level", "noise", "merge_distance"}
 """Settings in scene units."""
 
-OPTIONAL = {"tolerance": 0.0, "noise_level": 0.0, "workers": 2}
+OPTIONAL = {"tolerance": 0.0, "noise_level": 0.0, "merge_distance": 0.0, "workers": 2}
 OPTIONAL_CLOUD = {"noise": 0.0, "ring": 1}
 """Settings of which zero means none or automatic, each with the value that it starts with (see `optional`)."""
 

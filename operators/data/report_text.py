@@ -59,7 +59,13 @@ def _surface_error(report: Report, measured: Report, length: Length) -> str:
 
 def warnings(report: Report, length: Length = plain) -> list[str]:
     """Say what the errors do not show: what was copied, what turned over, where nothing is known."""
-    said = [_copied(report, length), _turned(report), _doubled(report), _far_from_points(report, length)]
+    said = [
+        _copied(report, length),
+        _turned(report),
+        _doubled(report),
+        _merged(report),
+        _far_from_points(report, length),
+    ]
     return [sentence for sentence in said if sentence]
 
 
@@ -79,7 +85,12 @@ def _turned(report: Report) -> str:
 
 def _doubled(report: Report) -> str:
     doubled = report["input"].get("coincident_vertices", 0)
-    return f"{doubled} vertices coincide with others and leave seams open: merge them first" if doubled else ""
+    return f"{doubled} vertices on open borders coincide with others and are not held together" if doubled else ""
+
+
+def _merged(report: Report) -> str:
+    merged = report["input"].get("merged_vertices", 0)
+    return f"{merged} vertices held together with others at their place" if merged else ""
 
 
 def _far_from_points(report: Report, length: Length) -> str:

@@ -22,7 +22,7 @@ _LEFT_OUT = {"position", ".edge_verts", ".corner_vert", ".corner_edge", "custom_
 _LEFT_OUT_BEGINNINGS = (".select", ".hide", ".pn.", ".vs.", ".es.")
 
 
-def carry_layers(source: Object, made: Object, resampled: Resampled) -> None:
+def carry_layers(source: Object, made: Object, resampled: Resampled, vertex: Indices) -> None:
     """Give a resampled object the materials, attributes, UV maps, edge marks and vertex groups of its source.
 
     Parameters
@@ -31,12 +31,15 @@ def carry_layers(source: Object, made: Object, resampled: Resampled) -> None:
         The object whose mesh has the topology that was resampled.
     made
         An object with the mesh of `resampled` (see `create_mesh`).
+    vertex
+        Vertex of the resampled surface that each of the source's is; of several the first gives its values.
     """
+    first = np.unique(vertex, return_index=True)[1]
     for slot in source.material_slots:
         made.data.materials.append(slot.material)
-    edges = _edges_on_source_edges(source.data, made.data, resampled)
+    edges = _edges_on_source_edges(source.data, made.data, resampled, vertex)
     transfers: dict[str, Callable[[Values, bool], Values]] = {
-        "POINT": lambda values, blends: _interpolated(values, blends, resampled.at_vertices),
+        "POINT": lambda values, blends: _interpolated(values[first], blends, resampled.at_vertices),
         "CORNER": lambda values, blends: _interpolated(values, blends, resampled.at_corners),
         "FACE": lambda values, _: values[resampled.source_face],
         "EDGE": lambda values, _: _along_edges(values, edges, len(made.data.edges)),
@@ -48,7 +51,7 @@ def carry_layers(source: Object, made: Object, resampled: Resampled) -> None:
     }
     write(made.data, values, kinds)
     _choose_same_maps(source.data, made.data)
-    _interpolate_groups(source, made, resampled)
+    _interpolate_groups(source, made, resampled, first)
 
 
 def _is_carried(layer: Attribute) -> bool:
@@ -69,13 +72,13 @@ def _along_edges(values: Values, edges: tuple[Indices, Indices], count: int) -> 
     return carried
 
 
-def _edges_on_source_edges(source: Mesh, made: Mesh, resampled: Resampled) -> tuple[Indices, Indices]:
+def _edges_on_source_edges(source: Mesh, made: Mesh, resampled: Resampled, vertex: Indices) -> tuple[Indices, Indices]:
     """Edges of the new mesh that lie on edges of the source, and those edges."""
     parts = np.stack([resampled.chains[:, :-1], resampled.chains[:, 1:]], axis=2)
-    loose = loose_edges(source)
+    loose = vertex[loose_edges(source)]
     pairs = np.concatenate([parts.reshape(-1, 2), loose])
     whole = np.concatenate([np.repeat(resampled.edges, parts.shape[1], axis=0), loose])
-    return _find_pairs(read_edges(made), pairs), _find_pairs(read_edges(source), whole)
+    return _find_pairs(read_edges(made), pairs), _find_pairs(vertex[read_edges(source)], whole)
 
 
 def _find_pairs(edges: Indices, pairs: Indices) -> Indices:
@@ -94,7 +97,7 @@ def _choose_same_maps(source: Mesh, made: Mesh) -> None:
         made.uv_layers[layer.name].active_render = layer.active_render
 
 
-def _interpolate_groups(source: Object, made: Object, resampled: Resampled) -> None:
+def _interpolate_groups(source: Object, made: Object, resampled: Resampled, first: Indices) -> None:
     """Carry vertex groups over; Blender writes many weights at once only where they are equal."""
     weights: dict[int, NDArray[np.float32]] = {}
     for vertex in source.data.vertices:
@@ -106,7 +109,7 @@ def _interpolate_groups(source: Object, made: Object, resampled: Resampled) -> N
         copied.lock_weight = group.lock_weight
         if group.index not in weights:
             continue
-        fine = resampled.at_vertices.linear(weights[group.index]).astype(np.float32)
+        fine = resampled.at_vertices.linear(weights[group.index][first]).astype(np.float32)
         for weight, vertices in _equal(fine):
             copied.add(vertices, weight, "REPLACE")
 

@@ -36,13 +36,13 @@ def resample_object(context: Context, holder: Object, splits: int, *, replace: b
     resampled = _resampled(context, representation, splits)
     name = cut_name(holder.name, " Resampled")
     on_source = SPLITS not in holder  # a reconstructed surface is finer than the mesh of its representation
-    loose = loose_edges(holder.data) if on_source else None
+    loose = place.vertex[loose_edges(holder.data)] if on_source else None
     local = place.to_local(resampled.vertices)
     mesh = create_mesh(name, local, resampled.corners, resampled.sizes, loose)
     made = create_object(name, mesh, holder, context, role=RESAMPLED, replace=replace)
     error: NDArray[np.floating[Any]]
     if on_source:
-        carry_layers(holder, made, resampled)
+        carry_layers(holder, made, resampled, place.vertex)
         error = np.linalg.norm(resampled.vertices - resampled.at_vertices.linear(representation.vertices), axis=1)
     else:  # the error of the nearest vertex of the reconstructed surface
         error = read(holder.data, ERROR)[cKDTree(read_positions(holder.data)).query(local)[1]]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from bpy.app.translations import pgettext_rpt as rpt_
-from bpy.types import Object
+from bpy.types import Mesh, Object
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
@@ -46,10 +46,17 @@ def _parsed(stored: bytes, name: str) -> Representation:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a representation stands in an object's local space: local = points @ linear + offset."""
+    """Where a representation stands in an object's local space: local = points @ linear + offset.
+
+    Attributes
+    ----------
+    vertex
+        Vertex of the representation that each of the mesh's vertices is; several where they are held together.
+    """
 
     linear: NDArray[np.float64]
     offset: NDArray[np.float64]
+    vertex: NDArray[np.int64]
 
     def to_local(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
         """Return local positions of the representation's points, (N, 3)."""
@@ -72,15 +79,30 @@ def placement(holder: Object, representation: Representation) -> Placement:
     )
     if SPLITS in holder:
         return _placement_of_finer(holder, representation, edited)
-    corners, sizes = read_polygons(holder.data)
-    if len(holder.data.vertices) != len(representation.vertices) or not np.array_equal(
-        np.cumsum(sizes), representation.face_offsets[1:]
-    ):
-        raise edited
-    if not np.array_equal(corners, representation.face_corners):
+    vertex = _vertices_of(holder.data, representation)
+    if vertex is None:
         raise edited
     local = read_positions(holder.data).astype(np.float64)
-    return _found(holder, representation.at_vertices(), local, edited)
+    return _found(holder, representation.at_vertices(), local, vertex, edited)
+
+
+def _vertices_of(mesh: Mesh, representation: Representation) -> NDArray[np.int64] | None:
+    """Return which vertex of the representation each vertex of the mesh is, (V,); None where the faces differ.
+
+    Vertices without faces are the same ones in the same order.
+    """
+    corners, sizes = read_polygons(mesh)
+    count = len(representation.vertices)
+    if not np.array_equal(np.cumsum(sizes), representation.face_offsets[1:]):
+        return None
+    vertex = np.full(len(mesh.vertices), -1, dtype=np.int64)
+    vertex[corners] = representation.face_corners
+    own = np.setdiff1d(np.arange(count), representation.face_corners)
+    free = np.flatnonzero(vertex < 0)
+    if len(own) != len(free) or not np.array_equal(vertex[corners], representation.face_corners):
+        return None
+    vertex[free] = own
+    return vertex
 
 
 def _placement_of_finer(holder: Object, representation: Representation, edited: InputError) -> Placement:
@@ -90,30 +112,38 @@ def _placement_of_finer(holder: Object, representation: Representation, edited: 
         raise edited
     points = representation.at_vertices()
     local = read_positions(holder.data)[: len(points)].astype(np.float64)
-    return _found(holder, points, local, edited)
+    return _found(holder, points, local, np.arange(len(points)), edited)
 
 
-def _found(holder: Object, points: NDArray[np.float64], local: NDArray[np.float64], edited: InputError) -> Placement:
+def _found(
+    holder: Object,
+    at_vertices: NDArray[np.float64],
+    local: NDArray[np.float64],
+    vertex: NDArray[np.int64],
+    edited: InputError,
+) -> Placement:
+    points = at_vertices[vertex]
     size = float(np.ptp(local, axis=0).max(initial=0.0))
-    for place in (_as_stored(holder), _fitted(points, local)):
+    for linear, offset in (_as_stored(holder), _fitted(points, local)):
+        place = Placement(linear, offset, vertex)
         if np.abs(place.to_local(points) - local).max(initial=0.0) <= NEAR * size:
             return place
     raise edited
 
 
-def _as_stored(holder: Object) -> Placement:
+def _as_stored(holder: Object) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     stretch = holder.get(STRETCH)
     linear: NDArray[np.float64] = np.eye(3)
     if stretch is not None:
         linear = np.linalg.inv(np.array(stretch, dtype=np.float64).reshape(3, 3)).astype(np.float64)
-    return Placement(linear, np.zeros(3))
+    return linear, np.zeros(3)
 
 
-def _fitted(points: NDArray[np.float64], local: NDArray[np.float64]) -> Placement:
+def _fitted(points: NDArray[np.float64], local: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Affine map that takes the points to the local positions, by least squares."""
     centre = points.mean(axis=0)
     solution, _, rank, _ = np.linalg.lstsq(points - centre, local - local.mean(axis=0), rcond=1e-9)
     if rank < 3:  # a plane says nothing about the direction across it
-        return Placement(np.zeros((3, 3)), np.full(3, np.inf))
+        return np.zeros((3, 3)), np.full(3, np.inf)
     linear: NDArray[np.float64] = solution.astype(np.float64)
-    return Placement(linear, local.mean(axis=0) - centre @ linear)
+    return linear, local.mean(axis=0) - centre @ linear

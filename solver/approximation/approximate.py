@@ -32,6 +32,7 @@ from .report import Stopwatch, noting_early_end
 from .result import Approximation
 from .runner import ChunkRunner, chunk_runner
 from .tolerance import ToleranceKept, keep_tolerance
+from .welded import held_together
 
 SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 """Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""
@@ -103,9 +104,12 @@ def approximate_steps(
     """`approximate` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
     settings, watch = (settings or Settings()).resolved(), Stopwatch()
     given = MeshInput(np.asarray(vertices), faces, triangles, weights)
+    welded = held_together(given, settings)
+    given = given if welded is None else welded.mesh
     vertex_count = len(given.positions) if given.positions.ndim else 0
     with chunk_runner(settings, vertex_count, executor) as runner:
-        return (yield from noting_early_end(_all_steps(given, settings, runner, watch)))
+        steps = noting_early_end(_all_steps(given, settings, runner, watch))
+        return (yield from steps if welded is None else welded.spread(steps))
 
 
 def _all_steps(given: MeshInput, settings: Settings, runner: ChunkRunner, watch: Stopwatch) -> Steps[Approximation]:

@@ -11,6 +11,9 @@ from .normals import triangle_areas, unit
 
 _MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
 
+SAME_DIRECTION = 1.0
+"""What a pair of sides that run in the same direction has to continue each other better by, as a cosine."""
+
 
 def join_sides(points: Array, triangles: Indices, following: Indices, proper: Booleans) -> tuple[Indices, Indices]:
     """Pair the triangle sides that form an edge together.
@@ -31,14 +34,22 @@ def join_sides(points: Array, triangles: Indices, following: Indices, proper: Bo
     if not many.any():
         return joined, np.zeros(0, dtype=np.int64)
     crowded = np.concatenate((start[order][first[many]], end[order][first[many]]))
-    paired = _pair_straightest(points, triangles, sides, first[many], count[many])
+    paired = pair_straightest(points, triangles, sides, first[many], count[many])
     return np.concatenate((joined, paired)), crowded
 
 
-def _pair_straightest(points: Array, triangles: Indices, sides: Indices, first: Indices, count: Indices) -> Indices:
-    """Join, at each edge with more than two triangles, those that continue each other best.
+def pair_straightest(
+    points: Array,
+    triangles: Indices,
+    sides: Indices,
+    first: Indices,
+    count: Indices,
+    forward: Booleans | None = None,
+) -> Indices:
+    """Join, at each edge with several triangles, those that continue each other best.
 
-    A wall with a fin keeps its wall in one piece that way, and only the fin is cut off.
+    A wall with a fin keeps its wall in one piece that way, and only the fin is cut off.  Where `forward` says in which
+    direction each side runs, opposite ones are preferred: of two sheets on top of each other each continues itself.
     """
     few = count <= _MOST_PAIRED_TRIANGLES
     found = []
@@ -46,12 +57,16 @@ def _pair_straightest(points: Array, triangles: Indices, sides: Indices, first: 
         rows = sides[first[count == size][:, None] + np.arange(size)]
         away = _directions_from_edge(points, triangles, rows)
         score = np.einsum("eix,ejx->eij", away, away)  # -1 where two triangles continue each other flatly
+        if forward is not None:
+            along = forward[first[count == size][:, None] + np.arange(size)]
+            score += np.where(along[:, :, None] == along[:, None, :], SAME_DIRECTION, 0.0)
         score[:, np.arange(size), np.arange(size)] = np.inf
         each = np.arange(len(rows))
         for _ in range(int(size) // 2):
             one, two = np.divmod(score.reshape(len(rows), -1).argmin(axis=1), int(size))
             # Triangles that lie on top of each other bound no common surface.
-            good = score[each, one, two] < 0.999
+            good = (away[each, one] * away[each, two]).sum(axis=-1) < 0.999
+            good &= np.isfinite(score[each, one, two])
             found.append(np.stack((rows[each, one], rows[each, two]), axis=1)[good])
             for taken in (one, two):
                 score[each, taken, :] = np.inf

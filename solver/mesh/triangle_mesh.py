@@ -21,9 +21,7 @@ from .edges import connected_parts, edge_keys
 from .input_checks import checked_faces, checked_triangulation, checked_vertices, refuse_without_area
 from .topology import join_sides, number_edges, split_into_fans, winding_of
 from .triangulation import triangulate
-
-COINCIDENT = 1e-6
-"""Share of the longest side within which two vertices are taken to be at one place."""
+from .welding import COINCIDENT
 
 
 @dataclass(frozen=True, eq=False)

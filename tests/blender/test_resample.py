@@ -275,3 +275,34 @@ def test_the_density_has_its_limits():
     assert (properties["splits"].hard_min, properties["splits"].default) == (1, 2)
     made = resampled(properties["splits"].hard_max)
     assert len(made.data.polygons) == 49 * properties["splits"].hard_max ** 2
+
+
+def test_vertices_that_lie_at_one_place_are_one_on_the_finer_mesh():
+    """A seam of doubled vertices, as importers leave where UVs differ."""
+    source = scenes.creased_sheet(12)
+    corners = np.array([list(polygon.vertices) for polygon in source.data.polygons])
+    right = scenes.positions(source.data)[corners].mean(axis=1)[:, 0] > 0.0
+    shared = np.intersect1d(corners[right], corners[~right])
+    own = np.arange(len(source.data.vertices))
+    own[shared] = len(own) + np.arange(len(shared))
+    faces = np.where(right[:, None], own[corners], corners)
+    points = scenes.positions(source.data)
+    split = scenes.mesh_object("Split", np.concatenate([points, points[shared], [[9.0, 9.0, 9.0]]]), faces.tolist())
+    level = split.data.attributes.new("level", "FLOAT", "POINT")
+    level.data.foreach_set("value", scenes.positions(split.data)[:, 2].copy())
+    split.vertex_groups.new(name="all").add(range(len(split.data.vertices)), 0.5, "REPLACE")
+    split.data.edges[0].use_edge_sharp = True
+    result = scenes.approximate()
+    assert len(result.data.vertices) == len(split.data.vertices)
+    assert np.allclose(scenes.positions(result.data)[-1], 9.0)
+    made = resampled(2)
+    assert len(made.data.vertices) == 23 * 23 + 1
+    uses = {}
+    for polygon in made.data.polygons:
+        for key in polygon.edge_keys:
+            uses[key] = uses.get(key, 0) + 1
+    assert list(uses.values()).count(1) == 4 * 22
+    carried = scenes.values(made.data, "level")[np.arange(len(points))]
+    assert np.allclose(carried, points[:, 2], atol=1e-6)
+    assert {round(entry.weight, 6) for vertex in made.data.vertices for entry in vertex.groups} == {0.5}
+    assert sum(edge.use_edge_sharp for edge in made.data.edges) == 2

@@ -1,0 +1,152 @@
+"""Vertices that lie at one place along open borders: which of them belong together.
+
+Files hold a vertex several times where its UVs, normals or colours differ, where two parts were exported one by one, or
+where a format knows triangles only.  Such borders are seams, not gaps.  Two open sides are joined where their ends
+coincide and their triangles continue each other; so two sheets that lie on top of each other stay two sheets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Booleans, Indices
+from ..errors import InputError
+from .edges import connected_parts, edge_keys
+from .topology import pair_straightest
+
+COINCIDENT = 1e-6
+"""Share of the longest side within which two vertices are taken to be at one place."""
+
+ROUNDINGS = 2.0
+"""By how many steps of its number type two copies of a coordinate may differ."""
+
+MOST_NEIGHBOURS = 64
+"""A distance within which a border vertex has more others than this, on average, is no distance between copies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weld:
+    """V vertices at P < V places.
+
+    Attributes
+    ----------
+    place
+        Place of each vertex, (V,).
+    first
+        First vertex at each place, (P,), ascending.
+    """
+
+    place: Indices
+    first: Indices
+
+    @property
+    def merged(self) -> int:
+        """Number of vertices that are held at the place of an earlier one."""
+        return len(self.place) - len(self.first)
+
+    def least(self, values: Array) -> Array:
+        """Least of the values (V,) at each place, (P,)."""
+        found = np.full(len(self.first), np.inf)
+        np.minimum.at(found, self.place, values)
+        return found
+
+
+def automatic_distance(vertices: NDArray[np.generic]) -> float:
+    """Distance within which vertices (V, 3) are copies: `COINCIDENT` of the longest side, or rounding where coarser."""
+    points = vertices.astype(np.float64)
+    step = float(np.finfo(vertices.dtype.char).eps) if vertices.dtype.kind == "f" else 0.0
+    size, farthest = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+    return max(COINCIDENT * size, ROUNDINGS * step * farthest)
+
+
+def find_weld(points: Array, triangles: Indices, distance: float) -> Weld | None:
+    """Find the vertices (V, 3) on open borders of triangles (T, 3) that belong together.
+
+    No triangle loses a corner by it.  None where every vertex stands alone.
+
+    Raises
+    ------
+    InputError
+        When the distance is so large that most of a border lies within it.
+    """
+    sides, start, end = _open_sides(triangles, len(points))
+    if not len(sides):
+        return None
+    border, number = np.unique(np.concatenate([start, end]), return_inverse=True)
+    group = _groups(points[border], distance)[number.reshape(2, -1)]
+    pairs = _coincident_sides(points, triangles, sides, group)
+    one, other = (np.stack([start[pair], end[pair]], axis=1) for pair in pairs.T)
+    turned = group[0][pairs[:, 0]] != group[0][pairs[:, 1]]
+    other[turned] = other[turned][:, ::-1]
+    links = np.stack([one.reshape(-1), other.reshape(-1)], axis=1)
+    label = _labels(links, len(points))
+    lost = _lost(triangles, label)
+    if lost.any():
+        label = _labels(links[~np.isin(label[links[:, 0]], label[triangles[lost]])], len(points))
+    first = np.unique(label, return_index=True)[1]
+    return Weld(label, first) if len(first) < len(points) else None
+
+
+def _open_sides(triangles: Indices, count: int) -> tuple[Indices, Indices, Indices]:
+    """Sides `3 t + i` of triangles that share no vertices with another side, and their first and last vertex."""
+    following = np.roll(triangles, -1, axis=1)
+    sides = np.flatnonzero(np.repeat(~(triangles == following).any(axis=1), 3))
+    start, end = triangles.reshape(-1)[sides], following.reshape(-1)[sides]
+    key = edge_keys(start, end, count)
+    order = np.argsort(key, kind="stable")
+    change = np.concatenate([[True], key[order][1:] != key[order][:-1], [True]]) if len(key) else np.zeros(1, bool)
+    alone = np.sort(order[change[:-1] & change[1:]])
+    return sides[alone], start[alone], end[alone]
+
+
+def _groups(points: Array, distance: float) -> Indices:
+    """Group of each point, (n,): points within the distance of each other, and all that these lead to."""
+    places, place = np.unique(points, axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    if distance <= 0.0:
+        return place
+    tree = cKDTree(places)
+    if tree.count_neighbors(tree, distance) > (1 + MOST_NEIGHBOURS) * len(places):
+        raise InputError(f"The merge distance {distance:g} is larger than the details of the mesh.")
+    near = tree.query_pairs(distance, output_type="ndarray")
+    label: Indices = connected_parts(near[:, 0], near[:, 1], len(places))[1]
+    return label[place]
+
+
+def _coincident_sides(points: Array, triangles: Indices, sides: Indices, group: Indices) -> Indices:
+    """Pairs (J, 2) of positions in `sides` whose ends have the same groups (2, S) and that continue each other."""
+    apart = np.flatnonzero(group[0] != group[1])
+    key = edge_keys(group[0][apart], group[1][apart], int(group.max()) + 1)
+    order = np.argsort(key, kind="stable")
+    apart, key = apart[order], key[order]
+    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, np.int64)
+    count = np.diff(np.concatenate([first, [len(key)]]))
+    many = count > 1
+    forward = group[0][apart] < group[1][apart]
+    paired = pair_straightest(points, triangles, sides[apart], first[many], count[many], forward)
+    position = np.searchsorted(sides, paired)
+    # A third sheet at a seam is held to it too; the mesh is cut there later.
+    run = np.full(len(sides), -1)
+    run[apart] = np.repeat(np.arange(len(first)), count)
+    seam = np.full(len(first), -1)
+    seam[run[position[:, 0]]] = position[:, 0]
+    rest = np.setdiff1d(apart, position.reshape(-1))
+    rest = rest[seam[run[rest]] >= 0]
+    return np.concatenate([position, np.stack([seam[run[rest]], rest], axis=1)])
+
+
+def _labels(links: Indices, count: int) -> Indices:
+    label: Indices = connected_parts(links[:, 0], links[:, 1], count)[1]
+    return label
+
+
+def _lost(triangles: Indices, label: Indices) -> Booleans:
+    """Triangles (T,) that would lose a corner."""
+    merged = label[triangles]
+    joined = (merged == np.roll(merged, -1, axis=1)) & (triangles != np.roll(triangles, -1, axis=1))
+    lost: Booleans = joined.any(axis=1)
+    return lost

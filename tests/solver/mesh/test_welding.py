@@ -1,0 +1,104 @@
+"""Which vertices on open borders are held together: copies along seams, and nothing that only lies close by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sparse_surface.solver.errors import InputError
+from sparse_surface.solver.mesh.welding import automatic_distance, find_weld
+
+GRID = 5
+
+
+def sheet(size: int = GRID) -> tuple[np.ndarray, np.ndarray]:
+    axis = np.arange(size, dtype=float)
+    x, y = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
+    i = np.arange(size * size).reshape(size, size)
+    one = np.stack([i[:-1, :-1], i[1:, :-1], i[1:, 1:]], axis=2).reshape(-1, 3)
+    two = np.stack([i[:-1, :-1], i[1:, 1:], i[:-1, 1:]], axis=2).reshape(-1, 3)
+    return np.stack([x, y, 0.3 * np.sin(x)], axis=1), np.concatenate([one, two])
+
+
+def soup(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)
+
+
+def same_faces(place: np.ndarray, triangles: np.ndarray, expected: np.ndarray) -> bool:
+    """Whether the places are the expected vertices, whatever their numbers."""
+    pairs = {(int(a), int(b)) for a, b in zip(place[triangles].ravel(), expected.ravel(), strict=True)}
+    return len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs})
+
+
+@given(st.floats(0.0, 0.9), st.integers(0, 100))
+def test_a_soup_of_triangles_becomes_the_mesh_it_was(share: float, seed: int) -> None:
+    points, triangles = sheet()
+    apart, own = soup(points, triangles)
+    distance = automatic_distance(apart)
+    noise = np.random.default_rng(seed).normal(size=apart.shape)
+    apart += share * 0.5 * distance * noise / np.linalg.norm(noise, axis=1, keepdims=True)
+    weld = find_weld(apart, own, distance)
+    assert weld is not None
+    assert len(weld.first) == len(points)
+    assert same_faces(weld.place, own, triangles)
+    assert np.array_equal(weld.place[weld.first], np.arange(len(weld.first)))
+
+
+def test_a_mesh_without_copies_stays_as_it_is() -> None:
+    points, triangles = sheet()
+    assert find_weld(points, triangles, automatic_distance(points)) is None
+
+
+def test_sheets_on_top_of_each_other_stay_two() -> None:
+    """As double-sided leaves and cards of game models: joined at their border they would be a pillow."""
+    points, triangles = sheet()
+    both = np.concatenate([points, points])
+    faces = np.concatenate([triangles, triangles[:, ::-1] + len(points)])
+    assert find_weld(both, faces, 1e-6) is None
+    apart, own = soup(both, faces)
+    weld = find_weld(apart, own, 1e-6)
+    assert weld is not None
+    assert same_faces(weld.place, own, faces)
+
+
+def test_parts_that_touch_at_a_point_stay_apart() -> None:
+    points, triangles = sheet()
+    both = np.concatenate([points, points + np.array([GRID - 1.0, GRID - 1.0, points[-1, 2] - points[0, 2]])])
+    assert find_weld(both, np.concatenate([triangles, triangles + len(points)]), 1e-6) is None
+
+
+def test_no_triangle_loses_a_corner() -> None:
+    points, triangles = sheet()
+    points[1] = points[0] + np.array([0.0, 1e-7, 0.0])  # an edge shorter than the distance
+    apart, own = soup(points, triangles)
+    weld = find_weld(apart, own, 1e-5)
+    assert weld is not None
+    corners = weld.place[own]
+    assert (corners != np.roll(corners, -1, axis=1)).all()
+    assert len(weld.first) < len(apart) / 3
+
+
+def test_a_third_sheet_at_a_seam_is_held_to_it() -> None:
+    points, triangles = sheet()
+    up = np.stack([np.full(len(points), GRID - 1.0), points[:, 1], points[-1, 2] + points[:, 0]], axis=1)
+    right = points * np.array([-1.0, 1.0, 1.0]) + np.array([2.0 * (GRID - 1.0), 0.0, 0.0])
+    number = len(points)
+    weld = find_weld(
+        np.concatenate([points, right, up]), np.concatenate([triangles + k * number for k in range(3)]), 1e-6
+    )
+    assert weld is not None
+    assert weld.merged == 2 * GRID
+
+
+def test_georeferenced_single_precision() -> None:
+    """Far from the origin a millionth of the size is less than a step of the numbers."""
+    points, _ = sheet()
+    far = (points + np.array([4.0e6, 5.0e6, 100.0])).astype(np.float32)
+    assert automatic_distance(far) >= 0.5 > automatic_distance(points.astype(np.float32))
+
+
+def test_a_distance_beyond_the_details_is_refused() -> None:
+    points, triangles = sheet(30)
+    with pytest.raises(InputError, match="larger than the details"):
+        find_weld(*soup(points, triangles), 50.0)
