@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import Array, Booleans, Indices
 from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
+from ..native import surface as native
 from ..patches.observations import MeshObservations
 from ..surface.representation import Representation
 from .patched_surface import Observed, PatchedSurface
@@ -132,8 +133,9 @@ class UnevenTriangles:
     @classmethod
     def of(cls, representation: Representation) -> UnevenTriangles:
         """Compare the triangles' longest sides in the initial domains: optimised ones are stretched along creases."""
-        ends = representation.initial_domains[:, representation.corners]
-        sides = np.linalg.norm(ends - np.roll(ends, 1, axis=2), axis=3).max(axis=(0, 2))
+        one, two, three = (representation.initial_domains[:, corner] for corner in representation.corners.T)
+        squares = [((a - b) ** 2) @ np.ones(2) for a, b in ((one, two), (two, three), (three, one))]
+        sides = np.sqrt(np.maximum.reduce(squares).max(axis=0))
         offsets = representation.triangle_offsets
         order = np.lexsort((sides, representation.patch_of_triangle))
         middle = (offsets[:-1] + offsets[1:]) // 2
@@ -152,13 +154,18 @@ class UnevenTriangles:
 def errors_between(surface: MeshSurface) -> Array:
     """Largest error of each patch between its observations, (K,), scene units."""
     representation, mesh = surface.representation(), surface.mesh
+    starts = representation.triangle_offsets[:-1]
+    functions, triangles = representation.native_functions, representation.triangles
+    if functions is not None:
+        where = representation.native_blend._replace(weights=representation.weights[representation.corners])
+        errors = native.largest_errors(functions, where, mesh.vertices, triangles, NEAR_EDGES)
+        return np.maximum.reduceat(errors, starts) if len(starts) else np.zeros(0)
     errors = np.empty(len(representation.mesh_triangles))
     for rows, values in representation.at_patch_samples(NEAR_EDGES):
-        corners = mesh.vertices[representation.triangles[representation.mesh_triangles[rows]]]
+        corners = mesh.vertices[triangles[representation.mesh_triangles[rows]]]
         flat = np.einsum("qk,tkd->tqd", NEAR_EDGES, corners)
         weights = representation.weights[representation.corners[rows]] @ NEAR_EDGES.T
         errors[rows] = (np.linalg.norm(values - flat, axis=2) * weights).max(axis=1)
-    starts = representation.triangle_offsets[:-1]
     return np.maximum.reduceat(errors, starts) if len(starts) else np.zeros(0)
 
 

@@ -145,22 +145,32 @@ static void add_coordinate(const Functions *functions, const Blend *blend, Block
     }
 }
 
-/* Add a patch's part at the points of a block; `inside` (N, 3) are the barycentric coordinates of all points. */
-static void add_block(const Functions *functions, const Blend *blend, Block *block, int64_t patch, int count,
-                      const double *inside, bool tangents, double *points) {
+/* Weights of a patch at the points of a block; `inside` (N, 3) are the barycentric coordinates of all points. */
+static void weigh_block(const Blend *blend, Block *block, int count, const double *inside) {
     for (int n = 0; n < count; n++) {
         const double *at = inside + 3 * block->point[n], *weight = blend->weights + 3 * block->triangle[n];
         block->share[n] = at[0] * weight[0] + at[1] * weight[1] + at[2] * weight[2];
     }
+}
+
+/* Places of a block's points in the domain of a channel. */
+static void place_block(const Blend *blend, Block *block, int channel, int count, const double *inside) {
+    const double *domain = blend->domains + 2 * (size_t)channel * blend->vertex_count;
+    for (int n = 0; n < count; n++) {
+        const double *at = inside + 3 * block->point[n];
+        const int64_t *corner = blend->corners + 3 * block->triangle[n];
+        const double *one = domain + 2 * corner[0], *two = domain + 2 * corner[1], *three = domain + 2 * corner[2];
+        block->place_u[n] = at[0] * one[0] + at[1] * two[0] + at[2] * three[0];
+        block->place_v[n] = at[0] * one[1] + at[1] * two[1] + at[2] * three[1];
+    }
+}
+
+/* Add a patch's part at the points of a block. */
+static void add_block(const Functions *functions, const Blend *blend, Block *block, int64_t patch, int count,
+                      const double *inside, bool tangents, double *points) {
+    weigh_block(blend, block, count, inside);
     for (int c = 0; c < functions->channels; c++) {
-        const double *domain = blend->domains + 2 * (size_t)c * blend->vertex_count;
-        for (int n = 0; n < count; n++) {
-            const double *at = inside + 3 * block->point[n];
-            const int64_t *corner = blend->corners + 3 * block->triangle[n];
-            const double *one = domain + 2 * corner[0], *two = domain + 2 * corner[1], *three = domain + 2 * corner[2];
-            block->place_u[n] = at[0] * one[0] + at[1] * two[0] + at[2] * three[0];
-            block->place_v[n] = at[0] * one[1] + at[1] * two[1] + at[2] * three[1];
-        }
+        place_block(blend, block, c, count, inside);
         int stride = tabulate(functions, block, count, tangents);
         for (int axis = first_axis(functions, c); axis < end_axis(functions, c); axis++)
             add_coordinate(functions, blend, block, patch, c, axis, count, stride, tangents, points);
@@ -191,6 +201,67 @@ int ENTRY(add_patches)(const Functions *functions, const Blend *blend, const int
             }
         }
         if (count) add_block(functions, blend, &block, k, count, inside, tangents != 0, points);
+    }
+    free_aligned(arena.memory);
+    return DONE;
+}
+
+/* Where each patch is compared with the flat triangles of the mesh. */
+typedef struct {
+    const double *vertices;   /* (V, 3) */
+    const int64_t *triangles; /* (T, 3): corners, in the order of the patch triangles' corners */
+    int64_t samples;          /* q */
+    const double *inside;     /* (q, 3): barycentric coordinates of the places in every triangle */
+    double *errors;           /* (S): largest distance times blending weight */
+} Comparison;
+
+/* Raise the errors of the triangles that a block's points lie in; `point` holds the numbers of samples. */
+static void compare_block(const Functions *functions, const Blend *blend, const Comparison *comparison, Block *block,
+                          int64_t patch, int count) {
+    memset(block->along_u, 0, sizeof(double) * POINTS);
+    for (int c = 0; c < functions->channels; c++) {
+        place_block(blend, block, c, count, comparison->inside);
+        int stride = tabulate(functions, block, count, false);
+        double scale = functions->scales[patch * functions->channels + c];
+        for (int axis = first_axis(functions, c); axis < end_axis(functions, c); axis++) {
+            double origin = functions->origins[3 * patch + axis];
+            combine(functions, block, patch, axis, block->u, block->v, stride, block->value);
+            for (int n = 0; n < count; n++) {
+                const double *at = comparison->inside + 3 * block->point[n];
+                const int64_t *corner = comparison->triangles + 3 * blend->mesh_triangles[block->triangle[n]];
+                double flat = 0.0;
+                for (int k = 0; k < 3; k++) flat += at[k] * comparison->vertices[3 * corner[k] + axis];
+                double away = block->value[n] / scale + origin - flat;
+                block->along_u[n] += away * away;
+            }
+        }
+    }
+    for (int n = 0; n < count; n++) {
+        double *error = comparison->errors + block->triangle[n];
+        *error = larger(*error, sqrt(block->along_u[n]) * block->share[n]);
+    }
+}
+
+/* The largest distance of each patch triangle from its flat triangle. */
+int ENTRY(largest_errors)(const Functions *functions, const Blend *blend, const Comparison *comparison) {
+    Block block;
+    Arena arena = memory_for_block(functions, &block);
+    if (!arena.memory) return OUT_OF_MEMORY;
+    for (int64_t k = 0; k < blend->patches; k++) {
+        int count = 0;
+        for (int64_t s = blend->triangle_offsets[k]; s < blend->triangle_offsets[k + 1]; s++) {
+            comparison->errors[s] = 0.0;
+            for (int64_t sample = 0; sample < comparison->samples; sample++) {
+                block.point[count] = sample;
+                block.triangle[count++] = s;
+                if (count < POINTS) continue;
+                weigh_block(blend, &block, count, comparison->inside);
+                compare_block(functions, blend, comparison, &block, k, count);
+                count = 0;
+            }
+        }
+        weigh_block(blend, &block, count, comparison->inside);
+        if (count) compare_block(functions, blend, comparison, &block, k, count);
     }
     free_aligned(arena.memory);
     return DONE;

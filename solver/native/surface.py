@@ -75,6 +75,14 @@ class _Blend(Structure):
     )
 
 
+class _Comparison(Structure):
+    _fields_ = (
+        *((name, c_void_p) for name in ("vertices", "triangles")),
+        ("samples", c_int64),
+        *((name, c_void_p) for name in ("inside", "errors")),
+    )
+
+
 class _Limits(Structure):
     _fields_ = (("low", c_double), ("width", c_double), ("cells", c_int64), ("levels", c_void_p))
 
@@ -112,6 +120,17 @@ class _Memory:
             self.real(own.scales),
         )
 
+    def blend(self, own: Blend) -> _Blend:
+        return _Blend(
+            len(own.triangle_offsets) - 1,
+            own.domains.shape[1],
+            self.whole(own.triangle_offsets),
+            self.whole(own.mesh_triangles),
+            self.whole(own.corners),
+            self.real(own.weights),
+            self.real(own.domains),
+        )
+
     def _kept(self, array: NDArray[Any]) -> int:
         self._arrays.append(array)
         return array.ctypes.data
@@ -144,20 +163,29 @@ def with_patches(functions: Functions, blend: Blend, runs: Indices, inside: Arra
         Of the points (3, N), or of points and derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (9, N).
     """
     memory, points = _Memory(), np.array(sums.T, order="C")
-    native = memory.functions(functions)
-    where = _Blend(
-        len(blend.triangle_offsets) - 1,
-        blend.domains.shape[1],
-        memory.whole(blend.triangle_offsets),
-        memory.whole(blend.mesh_triangles),
-        memory.whole(blend.corners),
-        memory.real(blend.weights),
-        memory.real(blend.domains),
-    )
+    native, where = memory.functions(functions), memory.blend(blend)
     ends, places = c_void_p(memory.whole(runs)), c_void_p(memory.real(inside.T))
     tangents = c_int64(len(sums) == 9)
     _run("add_patches", byref(native), byref(where), ends, places, tangents, c_void_p(points.ctypes.data))
     return points.T
+
+
+def largest_errors(functions: Functions, blend: Blend, vertices: Array, triangles: Indices, samples: Array) -> Array:
+    """Largest distance of each patch triangle from its flat triangle, times the blending weight there, (S,).
+
+    Parameters
+    ----------
+    vertices, triangles
+        The mesh, (V, 3) and (T, 3).
+    samples
+        Barycentric coordinates of the places that are compared in every triangle, (q, 3).
+    """
+    memory, errors = _Memory(), np.empty(len(blend.corners))
+    native, where = memory.functions(functions), memory.blend(blend)
+    points, corners, inside = memory.real(vertices), memory.whole(triangles), memory.real(samples)
+    comparison = _Comparison(points, corners, len(samples), inside, memory.real(errors))
+    _run("largest_errors", byref(native), byref(where), byref(comparison))
+    return errors
 
 
 def taylor_models(

@@ -151,7 +151,8 @@ class Representation:
         return native.Functions(self.support, self.coefficients, self.origins, self.scales, self.degree, basis)
 
     @cached_property
-    def _native_blend(self) -> native.Blend:
+    def native_blend(self) -> native.Blend:
+        """Where the patches lie and count, as the compiled kernel takes it."""
         weights = self.corner_weights
         return native.Blend(self.triangle_offsets, self.mesh_triangles, self.corners, weights, self.domains)
 
@@ -335,7 +336,7 @@ class Representation:
         sums = flat_part(self.vertices, self.triangles, self.input_weights, face[order], inside, tangents)
         runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
         if self.native_functions is not None:
-            sums = native.with_patches(self.native_functions, self._native_blend, runs, inside, sums)
+            sums = native.with_patches(self.native_functions, self.native_blend, runs, inside, sums)
         else:
             for patch, points, triangle in self._portions(runs):
                 part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)

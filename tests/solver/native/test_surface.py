@@ -97,3 +97,18 @@ def test_tangents_are_differences_of_points(functions: surface.Functions) -> Non
             np.array([blended(functions, blend, 1, place) for place in inside + sign * along]) for sign in (1.0, -1.0)
         )
         np.testing.assert_allclose(points[:, 3 * k : 3 * k + 3], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6)
+
+
+@needs_kernel
+def test_the_largest_errors_are_those_at_the_samples(functions: surface.Functions) -> None:
+    blend = two_patches(functions.scales.shape[1])
+    rng = np.random.default_rng(8)
+    vertices, triangles = rng.normal(size=(4, 3)), np.array([[0, 1, 2], [2, 1, 3]])
+    samples = rng.dirichlet([1.0, 1.0, 1.0], 130)  # two blocks
+    found = surface.largest_errors(functions, blend, vertices, triangles, samples)
+    for own, patch in enumerate((0, 0, 1)):
+        places = [samples @ domain[blend.corners[own]] for domain in blend.domains]
+        points = np.stack([value(functions, patch, axis, *places[axis % len(places)].T) for axis in range(3)], axis=1)
+        flat = samples @ vertices[triangles[blend.mesh_triangles[own]]]
+        expected = (np.linalg.norm(points - flat, axis=1) * (samples @ blend.weights[own])).max()
+        np.testing.assert_allclose(found[own], expected, rtol=1e-11)
