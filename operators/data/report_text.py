@@ -75,7 +75,8 @@ def _copied(report: Report, length: Length) -> str:
         within = f" within {length(report['tolerance']['requested'])}" if "tolerance" in report else ""
         return f"nothing could be approximated{within}: all {vertices} vertices are the input's"
     reproduced = report["vertices_reproduced"]
-    return f"{reproduced} of {vertices} vertices copied from the input" if reproduced else ""
+    origin = "base, where points are too few" if "points" in report["input"] else "input"
+    return f"{reproduced} of {vertices} vertices copied from the {origin}" if reproduced else ""
 
 
 def _turned(report: Report) -> str:

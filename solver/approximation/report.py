@@ -30,8 +30,8 @@ class Report:
     patches, flipped_triangles, passed_through_vertices
         Patches, their triangles whose orientation some domain turned, and vertices at which the surface is the input.
     vertices_reproduced, faces_turned
-        Vertices copied from the input because no patch came close enough, and faces of the result whose normals are
-        more than 90 degrees from the input's.
+        Vertices copied from the input (for a cloud, the base) because no patch came close enough, and faces of the
+        result whose normals are more than 90 degrees from the input's.
     vertex_error, surface_error, relative
         Statistics of the distances at the input's vertices and between them; for a cloud, of the points from the places
         at which they were observed and from the surface.  `surface_error["bound"]` is guaranteed: the error exceeds it

@@ -94,8 +94,14 @@ def analyse(points: Array) -> CloudGeometry:
 
 def typical_spacing(distance: Array) -> float:
     """Median side of the square that a point has to itself, from sorted distances to its neighbours, (P, k)."""
+    return float(np.median(spacings(distance)))
+
+
+def spacings(distance: Array) -> Array:
+    """Side of the square that each point has to itself, from sorted distances to its neighbours, (P, k)."""
     rank = min(8, distance.shape[1] - 1)
-    return float(np.median(distance[:, rank]) * np.sqrt(np.pi / rank))
+    sides: Array = distance[:, rank] * np.sqrt(np.pi / rank)
+    return sides
 
 
 def noise_level(points: Array, tree: cKDTree) -> float:

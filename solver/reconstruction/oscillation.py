@@ -40,25 +40,29 @@ def oscillating_in_cloud(surface: CloudSurface, planes: TangentPlanes) -> Iterat
     return with_lower_degrees(surface, leaving, planes.tolerance, observe, lowest=LOWEST_DEGREE, rounds=REFITS)
 
 
-def _sampled(surface: CloudSurface, patch: int) -> tuple[Array, Array]:
-    samples = surface.observations.samples_of_patch(patch, SAMPLES)
-    return surface.values_at(patch, samples), samples.blending
+def _sampled(surface: CloudSurface, patch: int) -> tuple[Array, Array, Array]:
+    samples, mesh = surface.observations.samples_of_patch(patch, SAMPLES), surface.mesh
+    own = surface.patches.mesh_triangles[slice(*surface.patches.triangle_offsets[patch : patch + 2])]
+    on_base = np.einsum("qk,tkd->tqd", SAMPLES, mesh.vertices[mesh.triangles[own]]).reshape(-1, 3)
+    return surface.values_at(patch, samples), on_base, samples.blending
 
 
-def farthest(patches: Indices, planes: TangentPlanes, sampled: Callable[[int], tuple[Array, Array]]) -> Array:
-    """How far each of these patches leaves the planes of the points around it, (n,), scene units.
+def farthest(patches: Indices, planes: TangentPlanes, sampled: Callable[[int], tuple[Array, Array, Array]]) -> Array:
+    """How far each of these patches leaves the points around it, (n,), scene units.
 
     Parameters
     ----------
     patches
         Their numbers, (n,).
     sampled
-        Gives a patch's own surface at samples of its triangles, (m, 3), and its blending weights there, (m,).
+        Gives a patch's own surface at samples of its triangles and these on the base, (m, 3), and its blending weights
+        there, (m,).
     """
     pieces = [sampled(int(patch)) for patch in patches]
-    away = planes.distance(np.concatenate([points for points, _ in pieces]))
+    points, on_base, blending = (np.concatenate([piece[k] for piece in pieces]) for k in range(3))
+    away = np.maximum(planes.distance(points), planes.run_away(points, on_base))
     # At its rim a patch has no weight, but where it is far off there it is off beside the rim too.
-    away *= np.concatenate([blending for _, blending in pieces]) + PLATEAU
-    starts = np.cumsum([0, *(len(blending) for _, blending in pieces[:-1])])
+    away *= blending + PLATEAU
+    starts = np.cumsum([0, *(len(piece[2]) for piece in pieces[:-1])])
     result: Array = np.maximum.reduceat(away, starts)
     return result

@@ -35,6 +35,7 @@ from .cleaning import CleanCloud, clean
 from .correction import nearest_on_surface
 from .distances import both_ways
 from .geometry import CloudGeometry, analyse
+from .kept_near import kept_near
 from .noise import iterations_for_noise, ring_for_noise
 from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
 from .oscillation import CloudSurface, oscillating_in_cloud
@@ -169,6 +170,7 @@ class _Work:
         yield Progress("Looking at the points", 0.0)
         with self.watch.stage("cover"):
             self.geometry = self._geometry()
+            self.planes = TangentPlanes(self.points, self.geometry)
         yield Progress("Fitting the base", 0.02)
         with self.watch.stage("cover"):
             self.mesh = self._fitted_base()
@@ -184,7 +186,7 @@ class _Work:
         if self.cloud.robust != "none":
             with self.watch.stage("solve"):
                 surface.observations = yield from within(self._weighed(surface), 0.06, 0.08)
-        test = partial(oscillating_in_cloud, planes=TangentPlanes(self.points, self.geometry))
+        test = partial(oscillating_in_cloud, planes=self.planes)
         with self.watch.stage("solve"):
             end = SOLVE_ENDS if self.settings.sweeps else SWEEPS_END
             hurry = yield from within(surface.fit(), SOLVE_STARTS, end)
@@ -195,7 +197,10 @@ class _Work:
             with self.watch.stage("sweeps"):
                 yield from within(self._swept(surface, test), SOLVE_ENDS, SWEEPS_END)
         yield Progress("Measuring", 0.95)
-        return self._result(surface, iterations)
+        feet = surface.observations.cloud.feet
+        with self.watch.stage("measure"):
+            copied = kept_near(surface, self.planes)
+        return self._result(surface, iterations, feet, copied)
 
     def _geometry(self) -> CloudGeometry:
         geometry = analyse(self.points)
@@ -241,7 +246,9 @@ class _Work:
         coarse = self._covered(on_base, settings)
         yield from coarse.fit()
         on_surface = coarse.representation().evaluate(places.triangle, places.barycentric)
-        return filled(observed, places, on_surface)
+        flat = places.on(self.mesh.vertices, self.mesh.triangles)
+        away = self.planes.run_away(on_surface, flat) > 0.0
+        return filled(observed, places, np.where(away[:, None], flat, on_surface))
 
     def _weighed(self, surface: CloudSurface) -> Steps[CloudObservations]:
         """Find outliers by a few coarse fits, so that they do not influence the choice of functions."""
@@ -287,10 +294,12 @@ class _Work:
         moved = cloud.moved(feet, cloud.weights)
         return moved if self.cloud.robust == "none" else self._weighted(moved, distance[: len(self.points)])
 
-    def _result(self, surface: CloudSurface, iterations: dict[str, list[float]]) -> Reconstruction:
+    def _result(
+        self, surface: CloudSurface, iterations: dict[str, list[float]], feet: Footpoints, copied: int
+    ) -> Reconstruction:
         representation = surface.representation()
         with self.watch.stage("measure"):
-            count, feet = len(self.points), surface.observations.cloud.feet
+            count = len(self.points)
             start = Footpoints(feet.triangle[:count], feet.barycentric[:count])
             on_surface = representation.evaluate(start.triangle, start.barycentric)
             parametric = np.linalg.norm(on_surface - self.points, axis=1)
@@ -306,7 +315,7 @@ class _Work:
             self.watch,
             flipped_triangles=flipped,
             passed_through_vertices=int(surface.patches.passed_through.sum()),
-            vertices_reproduced=0,
+            vertices_reproduced=copied,
             faces_turned=faces_turned(self.mesh.vertices, vertices, self.mesh.face_offsets, self.mesh.face_corners),
             iterations=iterations,
             counts={

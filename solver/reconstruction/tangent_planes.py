@@ -6,10 +6,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
-from .geometry import CloudGeometry
+from .geometry import CloudGeometry, spacings
 
 PLANES = 6
 """Points around a position whose planes are compared with it."""
+
+NEIGHBOURS = 9
+"""Points, with itself, that show how dense a point lies."""
 
 SPACINGS_OFF = 0.4
 NOISE_LEVELS_OFF = 3.0
@@ -17,11 +20,18 @@ NOISE_LEVELS_OFF = 3.0
 many noise levels."""
 
 
+ROOM_SPACINGS = 2.0
+"""A surface has run away where it is farther from its base, and from the nearest point, than this many spacings and as
+many noise levels as above."""
+
+
 class TangentPlanes:
     """Tangent planes of a cloud.
 
     Attributes
     ----------
+    room
+        How far from both its base and the points a surface may be at least, scene units.
     tolerance
         Distance from the planes, scene units, above which a surface has left the cloud.
     """
@@ -30,7 +40,23 @@ class TangentPlanes:
         """Take the points (P, 3) that `geometry` was taken from."""
         self._points, self._normals = points, geometry.normals
         self._tree = cKDTree(points)
+        distance = self._tree.query(points, k=min(NEIGHBOURS, len(points)))[0]
+        self._sparser = np.maximum(spacings(distance) - geometry.spacing, 0.0)
+        self.room = ROOM_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
         self.tolerance = SPACINGS_OFF * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
+
+    def run_away(self, positions: Array, on_base: Array) -> Array:
+        """How much too far positions (N, 3) are from the base, at (N, 3), and from the points, (N,).
+
+        Tangent planes have no end: along them a surface may leave the cloud and seem near.  Where points are sparser,
+        the surface has more room.
+        """
+        away = np.linalg.norm(positions - on_base, axis=1)
+        far = np.flatnonzero(away > self.room)
+        away[far] = np.minimum(away[far], self._tree.query(positions[far])[0])
+        room = np.full(len(away), self.room)
+        room[far] += ROOM_SPACINGS * self._sparser[self._tree.query(on_base[far])[1]]
+        return np.maximum(away - room, 0.0)
 
     def distance(self, positions: Array) -> Array:
         """Distance of positions (N, 3) from the nearest of the planes of the points around them, (N,)."""

@@ -24,6 +24,17 @@ def test_planes_are_near_the_surface_and_far_from_what_is_off_it() -> None:
     assert (planes.distance(0.53 * directions) > planes.tolerance).all()
 
 
+def test_along_its_planes_a_surface_may_run_away() -> None:
+    plane = np.column_stack([np.random.default_rng(0).uniform(size=(2000, 2)), np.zeros(2000)])
+    planes = TangentPlanes(plane, analyse(plane))
+    far, beside = np.array([[9.0, 0.5, 0.0]]), np.array([[0.9, 0.5, 0.0]])
+    assert planes.distance(far)[0] < 1e-12
+    assert 8.0 - planes.room - 0.1 < planes.run_away(far, beside)[0] < 8.0
+    # near the base, or near the points, it has not
+    assert planes.run_away(far, far + 0.5 * planes.room)[0] == 0.0
+    assert planes.run_away(beside, far)[0] == 0.0
+
+
 def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
     cloud = ball(3000, 24)
     planes = TangentPlanes(cloud.points, analyse(cloud.points))
@@ -32,7 +43,7 @@ def test_only_the_patch_that_leaves_is_found_and_only_where_it_counts() -> None:
     def sampled(patch: int):
         weight = np.full(50, 0.0 if patch == 2 else 0.5)
         # a patch without any weight may be a little off
-        return {0: on_surface, 1: off, 2: 1.05 * on_surface}[patch], weight
+        return {0: on_surface, 1: off, 2: 1.05 * on_surface}[patch], on_surface, weight
 
     away = farthest(np.arange(3), planes, sampled)
     np.testing.assert_array_equal(away > planes.tolerance, [False, True, False])
