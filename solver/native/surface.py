@@ -61,6 +61,20 @@ class Limits(NamedTuple):
     levels: Array
 
 
+class Pairs(NamedTuple):
+    """Parts of mesh triangles in the patches that hold them, (n,) each, those of a patch one after the other.
+
+    Attributes
+    ----------
+    part, held, patch
+        Number of the part, patch triangle that it lies in, and patch.
+    """
+
+    part: Indices
+    held: Indices
+    patch: Indices
+
+
 class _Functions(Structure):
     _fields_ = (
         *((name, c_int64) for name in ("channels", "width", "degree", "legendre")),
@@ -84,15 +98,18 @@ class _Comparison(Structure):
 
 
 class _Limits(Structure):
-    _fields_ = (("low", c_double), ("width", c_double), ("cells", c_int64), ("levels", c_void_p))
-
-
-class _Models(Structure):
     _fields_ = (
-        *((name, c_int64) for name in ("runs", "count")),
-        *((name, c_void_p) for name in ("offsets", "patch", "triangles")),
-        ("places", c_int64),
-        *((name, c_void_p) for name in ("lattice", "values", "left_out")),
+        *((name, c_double) for name in ("low", "width")),
+        *((name, c_int64) for name in ("order", "cells")),
+        ("levels", c_void_p),
+    )
+
+
+class _Parts(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("pairs", "places")),
+        *((name, c_void_p) for name in ("part", "held", "patch", "corners", "vertices", "triangles", "lattice")),
+        *((name, c_void_p) for name in ("values", "left_out")),
     )
 
 
@@ -188,41 +205,50 @@ def largest_errors(functions: Functions, blend: Blend, vertices: Array, triangle
     return errors
 
 
-def taylor_models(
-    functions: Functions, limits: Limits, runs: Indices, patch: Indices, triangles: Array, lattice: Array
+def parts_models(
+    functions: Functions,
+    blend: Blend,
+    limits: Limits,
+    pairs: Pairs,
+    corners: Array,
+    flat: tuple[Array, Indices],
+    lattice: Array,
 ) -> tuple[Array, Array]:
-    """Taylor polynomials of patches over triangles of their domains, and what these leave out; see `surface.taylor`.
+    """Sum the Taylor models of the patches less the flat triangle, weighted, over parts of triangles.
 
     Parameters
     ----------
     limits
         Largest derivatives of the polynomials.
-    runs, patch
-        Where the triangles of one patch begin, (R + 1,), and which patch it is, (R,).
-    triangles
-        Their corners, (C, n, 3, 2).
+    pairs
+        The parts in the patches that hold them.
+    corners
+        The parts' corners in barycentric coordinates of their triangles, (P, 3, 3).
+    flat
+        The mesh that the surface is compared with: vertices (V, 3), triangles (T, 3).
     lattice
-        Barycentric coordinates, (L, 3), L <= 16.
+        Barycentric coordinates of the places that fix a polynomial, (L, 3).
 
     Returns
     -------
     values, left_out
-        The polynomials at the lattice, (n, L, 3), and bounds of their remainders, (n, 3), scene units.
+        The polynomials at the lattice, (P, L, 3), and bounds of what they leave out, (P, 3), scene units.
     """
-    memory, count = _Memory(), triangles.shape[1]
-    values, left_out = np.empty((count, len(lattice), 3)), np.empty((count, 3))
-    native = memory.functions(functions)
-    most = _Limits(limits.low, limits.width, limits.levels.shape[2], memory.real(limits.levels))
-    models = _Models(
-        len(patch),
-        count,
-        memory.whole(runs),
-        memory.whole(patch),
-        memory.real(triangles),
+    memory = _Memory()
+    values, left_out = np.zeros((len(corners), len(lattice), 3)), np.zeros((len(corners), 3))
+    native, where = memory.functions(functions), memory.blend(blend)
+    _, orders, cells, _ = limits.levels.shape
+    most = _Limits(limits.low, limits.width, orders - 1, cells, memory.real(limits.levels))
+    parts = _Parts(
+        len(pairs.part),
         len(lattice),
+        *(memory.whole(numbers) for numbers in pairs),
+        memory.real(corners),
+        memory.real(flat[0]),
+        memory.whole(flat[1]),
         memory.real(lattice),
         memory.real(values),
         memory.real(left_out),
     )
-    _run("taylor_models", byref(native), byref(most), byref(models))
+    _run("add_models", byref(native), byref(where), byref(most), byref(parts))
     return values, left_out

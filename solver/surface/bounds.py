@@ -187,23 +187,33 @@ class _ErrorModel:
             start = stop
 
     def _bounds(self, parts: _Parts) -> tuple[Array, Array]:
-        values = self._input_values(parts)
-        remainder = np.zeros((len(parts.triangle), 3))
-        part, held = self._pairs(parts.triangle)
-        order = np.argsort(self.surface.patch_of_triangle[held], kind="stable")
-        part, held = part[order], held[order]
-        weights = np.matmul(parts.corners[part], self.surface.corner_weights[held][:, :, None])[:, :, 0]
-        flat = np.matmul(parts.corners[part], self.flat[self.surface.triangles[parts.triangle[part]]])
-        taylor, left_out = self._patches_values(held, parts.corners[part])
-        taylor -= np.matmul(LATTICE, flat)
-        taylor *= np.matmul(weights, LATTICE.T)[:, :, None]
-        _add_rows(values, part, taylor)
-        _add_rows(remainder, part, weights.max(axis=1, initial=0.0)[:, None] * left_out)
+        values, remainder = self._patches_part(parts)
+        values += self._input_values(parts)
         left_out = np.linalg.norm(remainder, axis=1)
         coefficients = np.tensordot(values, TO_BERNSTEIN, axes=(1, 1))  # (P, 3, n)
         upper = np.sqrt((coefficients**2).sum(axis=1).max(axis=1)) + left_out
         lower = np.sqrt((values**2).sum(axis=2).max(axis=1)) - left_out
         return np.maximum(lower, 0.0), upper
+
+    def _patches_part(self, parts: _Parts) -> tuple[Array, Array]:
+        """Weighted Taylor models of the patches less x at the lattice, (P, n, 3), and their remainders, (P, 3)."""
+        surface = self.surface
+        part, held = self._pairs(parts.triangle)
+        order = np.argsort(surface.patch_of_triangle[held], kind="stable")
+        part, held = part[order], held[order]
+        if surface.native_functions is not None:
+            pairs = native.Pairs(part, held, surface.patch_of_triangle[held])
+            models, where = (surface.native_functions, surface.native_blend), (self.flat, surface.triangles)
+            return native.parts_models(*models, self._limits, pairs, parts.corners, where, LATTICE)
+        values, remainder = np.zeros((len(parts.triangle), len(LATTICE), 3)), np.zeros((len(parts.triangle), 3))
+        weights = np.matmul(parts.corners[part], surface.corner_weights[held][:, :, None])[:, :, 0]
+        flat = np.matmul(parts.corners[part], self.flat[surface.triangles[parts.triangle[part]]])
+        taylor, left_out = self._patches_values(held, parts.corners[part])
+        taylor -= np.matmul(LATTICE, flat)
+        taylor *= np.matmul(weights, LATTICE.T)[:, :, None]
+        _add_rows(values, part, taylor)
+        _add_rows(remainder, part, weights.max(axis=1, initial=0.0)[:, None] * left_out)
+        return values, remainder
 
     def _input_values(self, parts: _Parts) -> Array:
         """What the input itself contributes where it shows through, at the lattice, (P, n, 3)."""
@@ -237,8 +247,6 @@ class _ErrorModel:
         ends = np.matmul(corners, surface.domains[:, surface.corners[held]])  # (C, n, 3, 2)
         patch = surface.patch_of_triangle[held]
         runs = np.flatnonzero(np.diff(patch, prepend=-1, append=-1))
-        if surface.native_functions is not None:
-            return native.taylor_models(surface.native_functions, self._limits, runs, patch[runs[:-1]], ends, LATTICE)
         for c, parameters in enumerate(ends):
             pieces = Expansions(surface.dictionary, parameters, self._derivative_bounds)
             axes = slice(None) if channels == 1 else slice(c, c + 1)

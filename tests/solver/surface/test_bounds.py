@@ -39,9 +39,10 @@ SURFACES: dict[str, Callable[[], Any]] = {
 }
 
 
+@pytest.mark.parametrize("solver", ["native", "numpy"])
 @pytest.mark.parametrize("name", SURFACES)
-def test_the_error_lies_between_its_bounds(name: str) -> None:
-    surface = SURFACES[name]().representation
+def test_the_error_lies_between_its_bounds(name: str, solver: str) -> None:
+    surface = replace(SURFACES[name]().representation, solver=solver)
     largest = float(errors(surface).max())
     lower, upper = error_bounds(surface)
     assert largest <= upper * (1.0 + 1e-9) + 1e-12
