@@ -14,12 +14,12 @@ from .run.poll import made_object, needs, no_run, object_mode
 
 
 class SPARSE_SURFACE_OT_apply_to_source(Operator):
-    """Move the vertices of the source to where the result has them. The source keeps its modifiers, rig, shape keys \
-and all else; the result is hidden
-    """
-
     bl_idname = "sparse_surface.apply_to_source"
     bl_label = "Apply to Source"
+    bl_description = (
+        "Move the vertices of the source to where the result has them. The source keeps its modifiers, rig, shape keys "
+        "and all else; the result is hidden"
+    )
     bl_options = {"REGISTER", "UNDO"}
 
     poll = needs(object_mode, no_run, made_object)

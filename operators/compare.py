@@ -6,6 +6,7 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Object, Operator
 
 from ..solver.errors import InputError
+from .data.lengths import length_text
 from .data.objects import selected_meshes
 from .data.origins import source_of
 from .run.poll import editable, needs, object_mode
@@ -49,6 +50,6 @@ class SPARSE_SURFACE_OT_compare(Operator):
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        text = rpt_("'{}' differs from '{}' by at most {:.3g}")
-        self.report({"INFO"}, text.format(coloured.name, other.name, largest))
+        text = rpt_("'{}' differs from '{}' by at most {}")
+        self.report({"INFO"}, text.format(coloured.name, other.name, length_text(context.scene, largest, digits=3)))
         return {"FINISHED"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import partial
 
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
@@ -11,6 +12,7 @@ from bpy.types import Context, Object, Operator
 
 from ..solver.distance.settings import DistanceSettings
 from ..solver.errors import SparseSurfaceError
+from .data.lengths import length_text
 from .data.objects import find_object
 from .data.result_keys import DISTANCES
 from .run.operator import Solved, SolverOperator, Task, refusal
@@ -26,12 +28,12 @@ def two_surfaces(context: Context) -> str:
 
 
 class SPARSE_SURFACE_OT_distance(SolverOperator, Operator):
-    """Measure the distances between the active mesh or point cloud and the other selected one, both ways. The result \
-is a new object with the distances as its colours
-    """
-
     bl_idname = "sparse_surface.distance"
     bl_label = "Measure Distance"
+    bl_description = (
+        "Measure the distances between the active mesh or point cloud and the other selected one, both ways. "
+        "The result is a new object with the distances as its colours"
+    )
     bl_options = {"UNDO"}
     has_preview = False
 
@@ -87,6 +89,7 @@ is a new object with the distances as its colours
         from .measure.showing import create_measured, summary
 
         made = []
+        length = partial(length_text, context.scene)
         for source, measured in done:
             result = create_measured(source.measured, measured, visible_points=True)
             result[DISTANCES] = json.dumps(measured.report)
@@ -95,6 +98,6 @@ is a new object with the distances as its colours
                 original.matrix_world = Matrix(measured.alignment.matrix.tolist()) @ original.matrix_world
             if original is not None:
                 original.hide_set(True)
-            self.report({"INFO"}, summary(source.name, source.other_name, measured.report))
+            self.report({"INFO"}, summary(source.name, source.other_name, measured.report, length))
             made.append(result)
         return made

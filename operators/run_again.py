@@ -22,12 +22,12 @@ SHOWN_OF_CLOUDS = ("robust", "corrections")
 
 
 class SPARSE_SURFACE_OT_run_again(Operator):
-    """Show the settings that made the active result, change them, and solve its source again. The new surface \
-replaces the result
-    """
-
     bl_idname = "sparse_surface.run_again"
     bl_label = "Run Again"
+    bl_description = (
+        "Show the settings that made the active result, change them, and solve its source again. The new surface "
+        "replaces the result"
+    )
 
     poll = needs(packages, no_run, object_mode, result, made_object)
 

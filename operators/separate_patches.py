@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Operator
 
 from ..solver.errors import SparseSurfaceError
+from .data.lengths import length_text
 from .data.visibility import settle
 from .run.poll import SURFACE, needs
 
@@ -28,6 +31,7 @@ class SPARSE_SURFACE_OT_separate_patches(Operator):
         except SparseSurfaceError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        text = rpt_("{} patches; gaps where they overlap: rms {:.3g}, max {:.3g}")
-        self.report({"INFO"}, text.format(len(patches.objects), gaps["rms"], gaps["max"]))
+        text = rpt_("{} patches; gaps where they overlap: rms {}, max {}")
+        length = partial(length_text, context.scene, digits=3)
+        self.report({"INFO"}, text.format(len(patches.objects), length(gaps["rms"]), length(gaps["max"])))
         return {"FINISHED"}

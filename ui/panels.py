@@ -16,7 +16,7 @@ from ..operators.run.control import Run
 from ..operators.run.estimate import LARGE_MESH, coarse_meshes, estimate_meshes, vertex_count
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
-from ..operators.run.status import duration_text, remaining_text
+from ..operators.run.status import duration_text, in_words, remaining_text
 from ..operators.run.way_on import draw_way_on
 from .jobs import ITEMS
 from .optional import draw_optional
@@ -158,7 +158,7 @@ def draw_progress(layout: UILayout, run: Run) -> None:
     fraction = progress.fraction if progress is not None else 0.0
     column.progress(factor=fraction, text=f"{fraction:.0%}")
     column.label(text=progress.stage if progress is not None else "Starting the solver")
-    column.label(text=progress.detail if progress is not None else "", translate=False)
+    column.label(text=in_words(progress.detail) if progress is not None else "", translate=False)
     column.label(text=remaining_text(run), translate=False)
     row = layout.row(align=True)
     row.operator("sparse_surface.finish", icon="CHECKMARK")

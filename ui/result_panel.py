@@ -10,7 +10,7 @@ from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Object, Panel, Scene, UILayout
 
 from ..operators.data.lengths import length_text
-from ..operators.data.report_text import rows, verdict
+from ..operators.data.report_text import rows, verdict, warnings
 from ..operators.data.result_keys import (
     REPORT,
     has_heat_map,
@@ -20,7 +20,7 @@ from ..operators.data.result_keys import (
     shows_patches,
 )
 from .panels import draw_display, draw_heat_map_button
-from .sidebar import SidebarPanel
+from .sidebar import SidebarPanel, draw_lines
 
 
 class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
@@ -121,6 +121,10 @@ def draw_quality(layout: UILayout, report: dict[str, Any], scene: Scene) -> None
         column.label(text=text, icon="BLANK1", translate=False)
         text = iface_("Largest at a vertex {}").format(length(report["vertex_error"]["max"]))
         column.label(text=text, icon="BLANK1", translate=False)
+    if report.get("ended_early"):
+        column.label(text="Ended early", icon="INFO")
+    for sentence in warnings(report, length):
+        draw_lines(column, sentence[:1].upper() + sentence[1:], "ERROR")
     tolerance = report["settings"]["tolerance"]
     if tolerance:
         kept = measured["surface_error"]["max"] <= tolerance

@@ -1,37 +1,61 @@
-"""Words of the interface in other languages, for Blender's own translation system."""
+"""Words of the interface in other languages, for Blender's own translation system.
+
+Each language is a file in `languages/`, in the format of gettext, which every translator's tool reads.
+"""
 
 from __future__ import annotations
 
+import ast
+from functools import cache
+from pathlib import Path
+
 import bpy
 
-_GERMAN = {
-    "Approximate": "Annähern",
-    "Cancel": "Abbrechen",
-    "Finish Now": "Jetzt abschließen",
-    "Show Heat Map": "Fehlerfarben zeigen",
-    "Hide Heat Map": "Fehlerfarben ausblenden",
-    "Compare Two Meshes": "Zwei Netze vergleichen",
-    "Copy Statistics": "Kennzahlen kopieren",
-    "Approximation cancelled": "Annäherung abgebrochen",
-    "Switch to Object Mode first": "Erst in den Objektmodus wechseln",
-    "Select a mesh": "Ein Netz auswählen",
-    "'{}' is hidden: show it first": "„{}“ ist ausgeblendet: erst einblenden",
-    "The mesh has no faces": "Das Netz hat keine Flächen",
-    "Domain and Regularisation": "Gebiet und Regularisierung",
-    "Statistics": "Kennzahlen",
-    "Error": "Fehler",
-    "inside": "innerhalb",
-    "outside": "außerhalb",
-}
+from ..operators.data import report_text
 
-DICTIONARY = {"de": {("*", english): german for english, german in _GERMAN.items()}}
+FOLDER = Path(__file__).parent / "languages"
+
+LANGUAGES = ("de",)
+"""Names of the files, and of the languages; Blender finds them from those with a country, too, such as de_DE."""
+
+CONTEXTS = ("*", "Operator")
+"""Blender looks for the names of operators in a context of their own."""
+
+
+@cache
+def words(language: str) -> dict[str, str]:
+    """Return the translation of each English string."""
+    found: dict[str, str] = {}
+    parts = {"msgid": "", "msgstr": ""}
+    kind = "msgid"
+    for line in [*(FOLDER / f"{language}.po").read_text(encoding="utf-8").splitlines(), ""]:
+        first, _, rest = line.partition(" ")
+        if first in parts:
+            kind = first
+            parts[kind] = ast.literal_eval(rest)
+        elif line.startswith('"'):
+            parts[kind] += ast.literal_eval(line)
+        elif parts["msgid"] and parts["msgstr"]:
+            found[parts["msgid"]] = parts["msgstr"]
+            parts = {"msgid": "", "msgstr": ""}
+    return found
+
+
+def dictionary() -> dict[str, dict[tuple[str, str], str]]:
+    """Return all languages as Blender wants them."""
+    return {
+        name: {(context, english): own for english, own in words(name).items() for context in CONTEXTS}
+        for name in LANGUAGES
+    }
 
 
 def register() -> None:
     """Add the words to Blender's."""
-    bpy.app.translations.register(__name__, DICTIONARY)
+    bpy.app.translations.register(__name__, dictionary())
+    report_text.speak(bpy.app.translations.pgettext_rpt)
 
 
 def unregister() -> None:
     """Remove them."""
+    report_text.speak(str)
     bpy.app.translations.unregister(__name__)

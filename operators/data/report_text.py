@@ -1,4 +1,7 @@
-"""Reports in words, for every reader: one line, or rows of figures.  Needs neither NumPy nor Blender."""
+"""Reports in words, for every reader: one line, or rows of figures.  Needs neither NumPy nor Blender.
+
+The words are English unless `speak` was given a translator, as the add-on does with Blender's.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,19 @@ FAR_FROM_POINTS = 5.0
 """A surface farther than this from the points, in their spacings, is worth a warning."""
 
 
+_in_words: list[Callable[[str], str]] = [str]
+
+
+def speak(translator: Callable[[str], str]) -> None:
+    """Use this translator from now on; `str` for English."""
+    _in_words[0] = translator
+
+
+def translate(text: str) -> str:
+    """Return a sentence, with its places for values, in the reader's language."""
+    return _in_words[0](text)
+
+
 def plain(length: float) -> str:
     """Return a length as a number of three digits."""
     return f"{length:.3g}"
@@ -22,39 +38,42 @@ def plain(length: float) -> str:
 def one_line(name: str, report: Report, length: Length = plain) -> str:
     """Return one line about the result of a mesh or a point cloud: size, quality, time."""
     given = report["input"]
-    size = f"{_points(given)} over {given['vertices']} vertices" if "points" in given else None
-    size = size or f"{given['vertices']} vertices"
-    early = ", ended early" if report.get("ended_early") else ""
+    size = translate("{} vertices").format(given["vertices"])
+    if "points" in given:
+        size = translate("{} over {} vertices").format(_points(given), given["vertices"])
+    early = translate(", ended early") if report.get("ended_early") else ""
     said = "; ".join([quality(report, length), *warnings(report, length)])
     return f"{name}: {size}, {said}; {report['seconds']['total']:.1f} s{early}"
 
 
 def _points(given: Report) -> str:
     """Say how many points there are, and which of them do not count."""
-    left_out = (("strays", "{} strays left out"), ("duplicates", "{} doubles merged"), ("not_finite", "{} not finite"))
+    left_out = (
+        ("strays", translate("{} strays left out")),
+        ("duplicates", translate("{} doubles merged")),
+        ("not_finite", translate("{} not finite")),
+    )
     said = [words.format(given[name]) for name, words in left_out if given.get(name)]
-    return f"{given['points']} points" + (f" ({', '.join(said)})" if said else "")
+    return translate("{} points").format(given["points"]) + (f" ({', '.join(said)})" if said else "")
 
 
 def quality(report: Report, length: Length = plain) -> str:
     """Say how well the surface is approximated, in scene units and relative to its longest side."""
     if "denoise" not in report:
-        return f"{report['patches']} patches, {_surface_error(report, report, length)}"
+        return translate("{} patches, {}").format(report["patches"], _surface_error(report, report, length))
     noise = noise_removed(report["denoise"], length)
     if not report["patches"]:
         return noise
     # What the functions do to the denoised mesh: the noise is not an error of the fit.
     fitted = _surface_error(report, report["denoise"]["fit"], length)
-    return f"{noise}; fitted with {report['patches']} patches, {fitted}"
+    return translate("{}; fitted with {} patches, {}").format(noise, report["patches"], fitted)
 
 
 def _surface_error(report: Report, measured: Report, length: Length) -> str:
     error, size = measured["surface_error"], report["input"]["bounding_box_longest_side"]
     rms, largest, at_vertices = error["rms"], error["max"], measured["vertex_error"]["max"]
-    return (
-        f"surface error rms {length(rms)} ({_share(rms, size)} of the size), max {length(largest)} "
-        f"({_share(largest, size)}), at vertices max {length(at_vertices)}"
-    )
+    text = translate("surface error rms {} ({} of the size), max {} ({}), at vertices max {}")
+    return text.format(length(rms), _share(rms, size), length(largest), _share(largest, size), length(at_vertices))
 
 
 def warnings(report: Report, length: Length = plain) -> list[str]:
@@ -72,33 +91,39 @@ def warnings(report: Report, length: Length = plain) -> list[str]:
 def _copied(report: Report, length: Length) -> str:
     copied, vertices = report["passed_through_vertices"], report["input"]["vertices"]
     if copied == vertices and "denoise" not in report:
-        within = f" within {length(report['tolerance']['requested'])}" if "tolerance" in report else ""
-        return f"nothing could be approximated{within}: all {vertices} vertices are the input's"
+        if "tolerance" in report:
+            text = translate("nothing could be approximated within {}: all {} vertices are the input's")
+            return text.format(length(report["tolerance"]["requested"]), vertices)
+        return translate("nothing could be approximated: all {} vertices are the input's").format(vertices)
     reproduced = report["vertices_reproduced"]
-    origin = "base, where points are too few" if "points" in report["input"] else "input"
-    return f"{reproduced} of {vertices} vertices copied from the {origin}" if reproduced else ""
+    text = translate("{} of {} vertices copied from the input")
+    if "points" in report["input"]:
+        text = translate("{} of {} vertices copied from the base, where points are too few")
+    return text.format(reproduced, vertices) if reproduced else ""
 
 
 def _turned(report: Report) -> str:
     turned = report["faces_turned"]
-    return f"{turned} of {report['input']['faces']} faces turned over" if turned else ""
+    return translate("{} of {} faces turned over").format(turned, report["input"]["faces"]) if turned else ""
 
 
 def _doubled(report: Report) -> str:
     doubled = report["input"].get("coincident_vertices", 0)
-    return f"{doubled} vertices on open borders coincide with others and are not held together" if doubled else ""
+    text = translate("{} vertices on open borders coincide with others and are not held together")
+    return text.format(doubled) if doubled else ""
 
 
 def _merged(report: Report) -> str:
     merged = report["input"].get("merged_vertices", 0)
-    return f"{merged} vertices held together with others at their place" if merged else ""
+    return translate("{} vertices held together with others at their place").format(merged) if merged else ""
 
 
 def _far_from_points(report: Report, length: Length) -> str:
     away = report.get("surface_to_points")
     if away is None or away["max_spacings"] <= FAR_FROM_POINTS:
         return ""
-    return f"the surface is up to {length(away['max'])} ({away['max_spacings']:.0f} spacings) from the nearest point"
+    text = translate("the surface is up to {} ({:.0f} spacings) from the nearest point")
+    return text.format(length(away["max"]), away["max_spacings"])
 
 
 def _share(length: float, size: float) -> str:
@@ -108,12 +133,11 @@ def _share(length: float, size: float) -> str:
 def noise_removed(noise: Report, length: Length = plain) -> str:
     """Say how much noise was removed, from that part of a report."""
     if not noise["noise_level"]:
-        return "no noise found"
+        return translate("no noise found")
     moved = noise["displacement"]
-    return (
-        f"noise of {length(noise['noise_level'])} ({noise['relative_noise']:.0%} of the mean edge) removed, "
-        f"vertices moved by rms {length(moved['rms'])}, max {length(moved['max'])}"
-    )
+    text = translate("noise of {} ({:.0%} of the mean edge) removed, vertices moved by rms {}, max {}")
+    lengths = length(noise["noise_level"]), length(moved["rms"]), length(moved["max"])
+    return text.format(lengths[0], noise["relative_noise"], *lengths[1:])
 
 
 def rows(report: Report, length: Length = float) -> list[tuple[str, Any]]:
@@ -137,7 +161,7 @@ def rows(report: Report, length: Length = float) -> list[tuple[str, Any]]:
         ("Flipped triangles", report["flipped_triangles"]),
         ("Largest seam", length(report["seam_max"])),
         ("Seconds", report["seconds"]["total"]),
-        *([("Ended early", "yes")] if report.get("ended_early") else []),
+        *([("Ended early", translate("yes"))] if report.get("ended_early") else []),
     ]
 
 
@@ -168,7 +192,7 @@ def _noise_rows(report: Report, length: Length) -> list[tuple[str, Any]]:
 
 def table(name: str, report: Report, length: Length = float) -> str:
     """Return the rows of a report as lines of text under a name."""
-    listed = rows(report, length)
+    listed = [(translate(label), value) for label, value in rows(report, length)]
     cells = [(label, f"{value:.6g}" if isinstance(value, float) else str(value)) for label, value in listed]
     width = max(len(label) for label, _ in cells)
     return "\n".join([name, *(f"{label:<{width}}  {value}" for label, value in cells)])
@@ -179,7 +203,7 @@ def verdict(report: Report) -> str:
     measured = report["denoise"]["fit"] if "denoise" in report and report["patches"] else report
     size = report["input"]["bounding_box_longest_side"]
     share = measured["surface_error"]["rms"] / size if size else 0.0
-    return next((word for limit, word in _VERDICTS if share <= limit), "Far off")
+    return next((word for limit, word in VERDICTS if share <= limit))
 
 
-_VERDICTS = ((1e-4, "Very close"), (1e-3, "Close"), (1e-2, "Coarse"))
+VERDICTS = ((1e-4, "Very close"), (1e-3, "Close"), (1e-2, "Coarse"), (float("inf"), "Far off"))

@@ -14,9 +14,14 @@ from ...solver.atomic_files import atomic_output
 from ...solver.distance.distance import Distances
 from ..data.colours import ColourScale
 from ..data.meshes import create_mesh
+from ..data.report_text import Length, translate
 from ..data.results import write_error
 from ..heat_map.point_shapes import create_point_shapes
 from .reading import Measurable
+
+
+def _figure(length: float) -> str:
+    return f"{length:.4g}"
 
 
 def scale_of(measured: Distances) -> ColourScale:
@@ -67,20 +72,23 @@ def write_csv(path: Path, measured: Distances) -> None:
         np.savetxt(draft, rows, fmt=["%d", *["%.9g"] * 4], delimiter=",", header=names, comments="")
 
 
-def summary(one: str, other: str, report: dict[str, Any]) -> str:
-    """Return the distances in one line."""
+def summary(one: str, other: str, report: dict[str, Any], length: Length = _figure) -> str:
+    """Return the distances in one line, lengths as `length` shows them."""
     there, back = report["a_to_b"], report["b_to_a"]
-    parts = [f"{one} to {other}: rms {there['rms']:.4g}, mean {there['mean']:.4g}, max {there['max']:.4g}"]
-    parts.append(f"back: rms {back['rms']:.4g}, max {back['max']:.4g}")
+    figures = (length(there[name]) for name in ("rms", "mean", "max"))
+    parts = [translate("{} to {}: rms {}, mean {}, max {}").format(one, other, *figures)]
+    parts.append(translate("back: rms {}, max {}").format(length(back["rms"]), length(back["max"])))
     if "signed_mean" in there:
-        parts.append(f"signed mean {there['signed_mean']:.4g}")
+        parts.append(translate("signed mean {}").format(length(there["signed_mean"])))
     if report["inside_tolerance"] is not None:
-        parts.append(f"{report['inside_tolerance']:.1%} within {report['settings']['tolerance']:.4g}")
+        tolerance = length(report["settings"]["tolerance"])
+        parts.append(translate("{:.1%} within {}").format(report["inside_tolerance"], tolerance))
     quality = report["alignment_quality"]
     if quality is not None:
-        parts.append(f"aligned to a residual of {quality['residual']:.3g}, overlap {quality['overlap']:.0%}")
+        text = translate("aligned to a residual of {}, overlap {:.0%}")
+        parts.append(text.format(length(quality["residual"]), quality["overlap"]))
         if quality["equally_good"] > 1:
-            parts.append(f"{quality['equally_good']} positions fit equally well")
+            parts.append(translate("{} positions fit equally well").format(quality["equally_good"]))
         parts += [quality["problem"].rstrip(".")] if quality["problem"] else []
     return "; ".join(parts)
 

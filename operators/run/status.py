@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,8 @@ from ..data.viewports import redraw_regions
 
 if TYPE_CHECKING:
     from .control import Run
+
+_NUMBER = re.compile(r"\d[\d,.]*\b")
 
 SECONDS_BETWEEN_LOOKS = 0.25
 """Progress is redrawn no more often than it can be read: even a small part costs a redraw of the whole window."""
@@ -39,8 +42,14 @@ def status_text(run: Run) -> str:
     if run.progress is None:
         return rpt_("Starting the solver")
     name = current_name(run.current_source) if run.current_source is not None else ""
-    parts = [name, run.progress.stage, run.progress.detail, f"{run.progress.fraction:.0%}", remaining_text(run)]
+    stage, detail = rpt_(run.progress.stage), in_words(run.progress.detail)
+    parts = [name, stage, detail, f"{run.progress.fraction:.0%}", remaining_text(run)]
     return "  |  ".join(part for part in [*parts, rpt_("ESC: Cancel")] if part)
+
+
+def in_words(text: str) -> str:
+    """Return what the solver says of its progress in the user's language: numbers are put in after translation."""
+    return rpt_(_NUMBER.sub("{}", text)).format(*_NUMBER.findall(text))
 
 
 def remaining_text(run: Run) -> str:
