@@ -29,6 +29,7 @@ def run(options: argparse.Namespace) -> None:
         result = create_result(bpy.context, read, outcome, scale)
         if options.domain_maps:
             write_domain_maps(result)
-        made.append(Made(options.input, source, result, outcome.report, outcome.representation, options.resample))
+        kept = outcome.report, outcome.representation, options.resample
+        made.append(Made(options.input, source, result, *kept, error_colours=options.error_colors))
         print(one_line(source.name, outcome.report), flush=True)
     write_outputs(options, made)

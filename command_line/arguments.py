@@ -9,7 +9,7 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..operators.files.formats import POINTS, READABLE
+from ..operators.files.formats import ERROR_COLOURS, POINTS, READABLE
 from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
 from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
@@ -167,6 +167,10 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     for output in OUTPUTS:
         output.add_to(parser)
     _add_resample(parser)
+    colours = "; ".join(f"{name}: {text}" for name, text in ERROR_COLOURS.items())
+    parser.add_argument(
+        "--error-colors", choices=list(ERROR_COLOURS), default="keep", help=f"colours of the written mesh. {colours}"
+    )
     parser.add_argument("--domain-maps", action="store_true", help="write the patches' domains as UV maps")
 
 

@@ -23,6 +23,7 @@ class Made:
 
     `resolution` says into how many parts each edge is split before the result is written; None: it stays as it is.
     `measured` are distances between `result` and `source`.  `shown` is what pictures show of the result, if not itself.
+    `error_colours` says which colours a mesh file has (`formats.ERROR_COLOURS`).
     """
 
     input: Path
@@ -34,6 +35,7 @@ class Made:
     measured: Any = None
     shown: Any = None
     caption: str = "Sparse Surface"
+    error_colours: str = "replace"
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     from ..operators.representation.resampled import resample_object
 
     fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
-    write_meshes(path, fine or [each.result for each in made])
+    write_meshes(path, fine or [each.result for each in made], made[0].error_colours)
 
 
 def _write_report(path: Path, made: Sequence[Made]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 import bpy
 
@@ -32,4 +33,5 @@ def run(options: argparse.Namespace) -> None:
         write_domain_maps(surface)
     print(one_line(points.name, outcome.report), flush=True)
     # The surface has the resolution that was asked for already.
-    write_outputs(options, [Made(options.input, points, surface, outcome.report, outcome.representation)])
+    made = Made(options.input, points, surface, outcome.report, outcome.representation)
+    write_outputs(options, [dataclasses.replace(made, error_colours=options.error_colors)])

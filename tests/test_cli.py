@@ -115,7 +115,9 @@ def test_ply_keeps_vertices_without_faces_and_gets_the_error(tmp_path: Path) -> 
     header = read_ply_header(out)
     assert f"element vertex {len(vertices) + 2}" in header
     assert "property float error" in header
-    assert "property uchar red" in header
+    assert "property uchar red" not in header
+    assert run("approximate", source, "-o", out, "--error-colors", "add", *QUICK).returncode == 0
+    assert "property uchar red" in read_ply_header(out)
 
 
 def test_modifiers_of_a_blend_file_are_evaluated_and_the_result_joins_it(tmp_path: Path) -> None:

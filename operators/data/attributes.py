@@ -85,7 +85,7 @@ def write(mesh: Mesh, values: Mapping[str, Values], kinds: Mapping[str, tuple[st
     for name, array in values.items():
         kind = KINDS[kinds[name][0]]
         put(mesh.attributes[name].data, kind.value, array, kind.number)
-    if ERROR_COLOUR in values:
+    if ERROR_COLOUR in values and not show_own_colours(mesh):
         show_colours(mesh, ERROR_COLOUR)
     mesh.update()
 
@@ -108,6 +108,23 @@ def show_colours(mesh: Mesh, name: str) -> None:
     if index >= 0:
         colours.active_color_index = colours.render_color_index = index
         mesh.update()
+
+
+def own_colours(mesh: Mesh) -> list[str]:
+    """Return the names of the colours that a mesh has from its user, a scanner's for example."""
+    return [layer.name for layer in mesh.color_attributes if layer.name not in OWN]
+
+
+def show_own_colours(mesh: Mesh) -> bool:
+    """Make the user's colours the active ones, those of renders first; returns whether the mesh has any."""
+    names = own_colours(mesh)
+    if not names:
+        return False
+    colours = mesh.color_attributes
+    if colours.render_color_index < 0 or colours[colours.render_color_index].name not in names:
+        colours.render_color_index = colours.find(names[0])
+    colours.active_color_index = colours.render_color_index
+    return True
 
 
 def fetch(elements: Any, value: str, number: type = np.float32, width: int = 1) -> Values:

@@ -28,6 +28,10 @@ class Format:
         What the operators are told beside the path.
     add_on
         Add-on of Blender's that brings an operator which is not built in.
+    byte_colours
+        Whether colours are stored as bytes, of which Blender's exporter cuts the fractions off.
+    keeps_all
+        Whether the file holds the scene as it is, with every layer, whatever is exported.
     up
         The axis that points upwards, as most programs that write such files have it.
     """
@@ -38,6 +42,8 @@ class Format:
     reading: Mapping[str, Any] = field(default_factory=dict)
     writing: Mapping[str, Any] = field(default_factory=dict)
     add_on: str = ""
+    byte_colours: bool = False
+    keeps_all: bool = False
     up: str = "Z"
 
 
@@ -52,10 +58,10 @@ _ABC = {"as_background_job": False}
 _ABC_OUT = {**_ABC, "selected": True, "export_custom_properties": False}
 
 FORMATS = (
-    Format((".obj",), ("wm.obj_import",), "wm.obj_export", _AXES, _OWN, up="Y"),
-    Format((".ply",), ("wm.ply_import",), "wm.ply_export", _AXES, _PLY),
+    Format((".obj",), ("wm.obj_import",), "wm.obj_export", _AXES, {**_OWN, "export_colors": True}, up="Y"),
+    Format((".ply",), ("wm.ply_import",), "wm.ply_export", _AXES, _PLY, byte_colours=True),
     Format((".stl",), ("wm.stl_import",), "wm.stl_export", _AXES, _OWN),
-    Format((".blend",), ("wm.open_mainfile",), "wm.save_as_mainfile", *_BLEND),
+    Format((".blend",), ("wm.open_mainfile",), "wm.save_as_mainfile", *_BLEND, keeps_all=True),
     Format((".glb",), *_GLTF, {"export_format": "GLB", "use_selection": True}, "io_scene_gltf2"),
     Format((".gltf",), *_GLTF, {"export_format": "GLTF_SEPARATE", "use_selection": True}, "io_scene_gltf2"),
     Format((".fbx",), *_FBX, {}, {"use_selection": True}, "io_scene_fbx"),
@@ -63,6 +69,13 @@ FORMATS = (
     Format((".usdz",), ("wm.usd_import",), None),
     Format((".abc",), ("wm.alembic_import",), "wm.alembic_export", _ABC, _ABC_OUT),
 )
+
+ERROR_COLOURS = {
+    "keep": "the input's own, no others",
+    "add": "the input's own first, those of the error beside them",
+    "replace": "those of the error in their place",
+}
+"""Which colours a written mesh has."""
 
 BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}
 READABLE = tuple(BY_ENDING)

@@ -11,6 +11,7 @@ from bpy.types import Object
 
 from ...solver.atomic_files import atomic_output
 from ...solver.errors import FileFormatError, InputError
+from .colours import colours_chosen
 from .formats import BY_ENDING, READABLE, WRITABLE, Format
 
 
@@ -60,8 +61,13 @@ def named(objects: Sequence[Object], name: str | None) -> list[Object]:
     return found
 
 
-def write_meshes(path: Path, objects: Sequence[Object]) -> None:
+def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "replace") -> None:
     """Write these objects, or for a .blend file everything, into a file; it appears when it is complete.
+
+    Parameters
+    ----------
+    error_colours
+        One of `ERROR_COLOURS`.
 
     Raises
     ------
@@ -76,7 +82,7 @@ def write_meshes(path: Path, objects: Sequence[Object]) -> None:
     bpy.context.view_layer.update()
     for other in bpy.context.view_layer.objects:
         other.select_set(other in objects)
-    with atomic_output(path, silent_writer=True) as draft:
+    with atomic_output(path, silent_writer=True) as draft, colours_chosen(objects, error_colours, kind):
         try:
             _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
         except RuntimeError as error:

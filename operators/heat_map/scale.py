@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 
 from ..data.attributes import read, show_colours
 from ..data.colours import ColourScale
-from ..data.result_keys import EARLY, ERROR, PATCH_COLOUR, SCALE, WITH_MODIFIERS, has_heat_map, shows_patches
+from ..data.result_keys import (
+    EARLY,
+    ERROR,
+    ERROR_COLOUR,
+    PATCH_COLOUR,
+    SCALE,
+    WITH_MODIFIERS,
+    has_heat_map,
+    shows_patches,
+)
 from ..data.results import create_result, write_error
-from .shown import anywhere_shown
+from .shown import anywhere_shown, choose_colours
 
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
@@ -67,9 +76,11 @@ def recolour_scene(scene: Scene) -> None:
     together = [each for each in errors if EARLY not in each and each.visible_get()] if anywhere_shown() else []
     shared = colour_scale(scene, np.concatenate([errors[each] for each in together])) if together else None
     for coloured, own in errors.items():
+        patches = shows_patches(coloured)
         scale = shared if shared is not None and coloured in together else colour_scale(scene, own)
         if list(coloured[SCALE]) != [scale.low, scale.high, scale.tolerance]:
-            patches = shows_patches(coloured)
             write_error(coloured, own, scale)
             if patches:
                 show_colours(coloured.data, PATCH_COLOUR)
+        if coloured in together and not patches:
+            choose_colours(coloured, ERROR_COLOUR)

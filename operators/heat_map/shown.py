@@ -77,8 +77,7 @@ def show(space: SpaceView3D, context: Context, *, for_patches: bool = False) -> 
             setattr(shading, name, value)
     if not for_patches:
         for candidate in heat_maps(context):
-            colours = candidate.data.color_attributes
-            colours.active_color_index = colours.find(ERROR_COLOUR)
+            choose_colours(candidate, ERROR_COLOUR)
     isolate(space, context)
 
 
@@ -88,8 +87,21 @@ def restore(space: SpaceView3D) -> None:
     for name, value in before.solid.items():
         setattr(space.shading, name, value)
     space.shading.type = before.kind
+    if not _before:
+        for candidate in heat_maps(bpy.context):
+            index = candidate.data.color_attributes.render_color_index
+            if index >= 0:  # the user's own colours, where there are some
+                choose_colours(candidate, candidate.data.color_attributes[index].name)
     if before.isolated and space.local_view is not None:
         bpy.ops.view3d.localview(frame_selected=False)
+
+
+def choose_colours(shown: Object, name: str) -> None:
+    """Let viewports show these colours of an object; renders keep those that they have."""
+    colours = shown.data.color_attributes
+    index = colours.find(name)
+    if index >= 0 and index != colours.active_color_index:
+        colours.active_color_index = index
 
 
 def isolate(space: SpaceView3D, context: Context) -> None:

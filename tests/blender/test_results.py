@@ -11,6 +11,7 @@ import pytest
 from bl_ext.user_default.sparse_surface.operators.data import attributes
 from bl_ext.user_default.sparse_surface.operators.data.meshes import read_object
 from bl_ext.user_default.sparse_surface.operators.data.results import copy_source
+from bl_ext.user_default.sparse_surface.operators.heat_map import shown
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -69,3 +70,20 @@ def test_attributes_of_several_kinds_are_written_and_read_by_name() -> None:
     assert mesh.attributes["patch (source)"].domain == "CORNER"
     assert mesh.color_attributes.active_color.name == "error_color"
     np.testing.assert_array_equal(scenes.values(mesh, "domain_stretch"), written["domain_stretch"])
+
+
+def test_colours_of_the_source_stay_the_active_ones() -> None:
+    source = scenes.creased_sheet(8)
+    for name, kind, domain in (("Scan", "BYTE_COLOR", "CORNER"), ("Paint", "FLOAT_COLOR", "POINT")):
+        source.data.color_attributes.new(name, kind, domain)
+    source.data.color_attributes.active_color_index = source.data.color_attributes.find("Scan")
+    source.data.color_attributes.render_color_index = source.data.color_attributes.find("Paint")
+    result = scenes.approximate()
+    colours = result.data.color_attributes
+    assert "error_color" in colours
+    assert colours.active_color.name == "Paint" == colours[colours.render_color_index].name
+    made = bpy.ops.sparse_surface.resample(splits=2) and bpy.context.view_layer.objects.active
+    assert made.data.color_attributes.active_color.name in {"Paint", "Scan"}
+    shown.choose_colours(result, "error_color")
+    assert colours.active_color.name == "error_color"
+    assert colours[colours.render_color_index].name == "Paint"
