@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_clouds as clouds
 from sparse_surface.benchmarks import generated_models as models
@@ -92,3 +93,20 @@ def test_iterations_are_kept() -> None:
     assert kept[1] is not None
     assert kept[0].shape == kept[1].shape
     assert abs(kept[0] - kept[1]).max() < 5e-3
+
+
+@pytest.mark.parametrize("domains", ["common", "separate"])
+@pytest.mark.parametrize("name", ["cube", "flower", "sphere"])
+def test_instruction_sets_differ_less_than_the_error(
+    monkeypatch: pytest.MonkeyPatch, name: str, domains: str, instructions: str
+) -> None:
+    """What another type of processor computes; docs/reliability.md tells by how much it may differ."""
+    vertices, faces = getattr(models, name)()
+    settings = Settings(domains=domains, workers=1)
+    own = approximate(vertices, faces, settings)
+    monkeypatch.setattr(library, "INSTRUCTION_SETS", (instructions,) * 3)
+    other = approximate(vertices, faces, settings)
+    size = float(np.ptp(vertices, axis=0).max())
+    assert np.linalg.norm(own.vertices - other.vertices, axis=1).max() <= 1e-3 * size
+    for measure in ("rms", "max"):
+        assert other.report["surface_error"][measure] == pytest.approx(own.report["surface_error"][measure], rel=1e-3)
