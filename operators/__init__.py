@@ -32,6 +32,7 @@ OPERATORS = (
     "show_heat_map",
     "show_patches",
     "show_source",
+    "subdivide",
     "use_as_source",
     "use_heat_map_material",
 )

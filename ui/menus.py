@@ -30,6 +30,7 @@ RESULT: tuple[Entry, ...] = (
     ("apply_to_source", "CHECKMARK"),
     ("run_again", "FILE_REFRESH"),
     ("use_as_source", "MESH_DATA"),
+    ("subdivide", "MOD_SUBSURF"),
     ("resample", "MOD_SUBSURF"),
     ("separate_patches", "OUTLINER_COLLECTION"),
     ("domains_to_uv", "UV"),

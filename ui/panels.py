@@ -8,12 +8,20 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Panel, PropertyGroup, UILayout
 
-from ..operators.data.objects import current_name, selected_meshes
+from ..operators.data.objects import current_name, selected_meshes, selected_points
 from ..operators.data.presets import matching_preset, preset_title
 from ..operators.heat_map.shown import shows_heat_map
 from ..operators.run import preloading
 from ..operators.run.control import Run
-from ..operators.run.estimate import LARGE_MESH, coarse_meshes, estimate_meshes, vertex_count
+from ..operators.run.estimate import (
+    LARGE_MESH,
+    Estimate,
+    coarse_meshes,
+    estimate_cloud,
+    estimate_meshes,
+    point_count,
+    vertex_count,
+)
 from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, in_words, remaining_text
@@ -75,6 +83,10 @@ def draw_reconstruct(layout: UILayout, context: Context, settings: PropertyGroup
     layout.prop(cloud, "robust")
     draw_optional(layout, cloud, "noise")
     layout.prop(cloud, "point_errors")
+    count = point_count(selected_points(context), context)
+    if count:
+        base = cloud.base_vertices if cloud.base is None else len(cloud.base.data.vertices)
+        draw_expected(layout.column(align=True), estimate_cloud(count, base), count)
     big_button(layout).operator("sparse_surface.reconstruct", icon="POINTCLOUD_DATA")
 
 
@@ -176,7 +188,13 @@ def draw_estimate(layout: UILayout, context: Context) -> None:
     for coarse in coarse_meshes(chosen, context):
         text = iface_("{} vertices: too coarse to approximate; subdivide first")
         draw_lines(layout, text.format(vertex_count(coarse, context)), "ERROR")
-    expected = estimate_meshes(chosen, context)
+    if coarse_meshes(chosen, context):
+        layout.operator("sparse_surface.subdivide", icon="MOD_SUBSURF")
+    draw_expected(layout, estimate_meshes(chosen, context), count)
+
+
+def draw_expected(layout: UILayout, expected: Estimate, count: int) -> None:
+    """Show how many patches and how much time to expect, and a warning where there are many vertices or points."""
     text = iface_("At least {} patches, {}") if expected.at_least else iface_("About {} patches, {}")
     text = text.format(expected.patches, duration_text(expected.seconds))
     if not expected.patches:

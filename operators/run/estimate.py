@@ -133,6 +133,15 @@ def vertex_count(chosen: Object, context: Context) -> int:
     return len(_mesh(chosen, context).vertices)
 
 
+def point_count(chosen: Object | None, context: Context) -> int:
+    """Return the number of points that will be read from an object to be reconstructed; as cheap."""
+    depsgraph = context.view_layer.depsgraph
+    if chosen is None or depsgraph is None:
+        return 0
+    data = chosen.evaluated_get(depsgraph).data if chosen.mode == "OBJECT" else chosen.data
+    return len(data.points if chosen.type == "POINTCLOUD" else data.vertices)
+
+
 def seems_closed(chosen: Object, context: Context) -> bool:
     """Whether the Euler number of a mesh object is that of a closed surface, not of a disk; as cheap."""
     mesh = _mesh(chosen, context)

@@ -76,3 +76,28 @@ def test_clouds_have_an_estimate_that_learns(monkeypatch: pytest.MonkeyPatch) ->
     assert estimate_cloud(30_000, 24).seconds < first.seconds
     estimates.learn({"seconds": {"total": 15.0}, "input": {"points": 30_000, "vertices": 500}})
     assert estimate_cloud(30_000, 500).seconds == pytest.approx(15.0)
+
+
+def test_a_coarse_mesh_is_subdivided_by_the_button_and_keeps_its_shape() -> None:
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.active_object
+    scenes.hurry(use_modifiers=False)
+    assert bpy.ops.sparse_surface.subdivide.poll()
+    assert bpy.ops.sparse_surface.subdivide() == {"FINISHED"}
+    assert bpy.context.scene.sparse_surface.use_modifiers
+    assert len(cube.data.vertices) == 8
+    split = scenes.world_positions(cube, evaluated=True)
+    assert len(split) == 1538
+    assert abs(abs(split).max(axis=1) - 1.0).max() < 1e-6  # on the cube's faces
+    assert not bpy.ops.sparse_surface.subdivide.poll()
+    assert bpy.ops.sparse_surface.approximate() == {"FINISHED"}
+    assert bpy.context.object["sparse_surface"]["patches"] > 5
+
+
+def test_points_are_counted_as_they_are_read() -> None:
+    points = scenes.mesh_object("Scan", [(x / 10, y / 10, 0.0) for x in range(10) for y in range(10)], [])
+    assert estimates.point_count(points, bpy.context) == 100
+    points.modifiers.new("Array", "ARRAY").count = 3
+    bpy.context.view_layer.update()
+    assert estimates.point_count(points, bpy.context) == 300
+    assert estimates.point_count(None, bpy.context) == 0
