@@ -6,6 +6,7 @@ from bpy.props import EnumProperty
 from bpy.types import Context, Operator
 
 from ..solver.errors import SparseSurfaceError
+from .data.viewports import frame
 from .run.poll import SURFACE, needs
 
 
@@ -35,11 +36,14 @@ class SPARSE_SURFACE_OT_inspect_patch(Operator):
         from .representation.patch_sheets import choose_patch, inspect_patch
 
         holder = context.active_object
+        first = context.scene.sparse_surface.inspection.holder != holder.name
         try:
             patch = choose_patch(context, holder, self.which)
-            inspect_patch(context, holder, patch)
+            shown = inspect_patch(context, holder, patch)
         except SparseSurfaceError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         context.scene.sparse_surface.inspection.patch = patch
+        if first:  # later steps leave the view where the user has moved it
+            frame([holder, *shown], context)
         return {"FINISHED"}

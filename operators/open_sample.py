@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import bpy
 from bpy.types import Context, Operator
 
-from .data.viewports import viewports
+from .data.viewports import frame
 from .run.poll import needs, no_run, object_mode
 
 
@@ -24,9 +23,5 @@ class SPARSE_SURFACE_OT_open_sample(Operator):
         scene = sample_scene()
         if context.window is not None:
             context.window.scene = scene
-        for area in viewports(context):
-            region = next(region for region in area.regions if region.type == "WINDOW")
-            with context.temp_override(area=area, region=region):
-                if bpy.ops.view3d.view_all.poll():
-                    bpy.ops.view3d.view_all(center=False)
+        frame(scene.collection.objects[:], context)
         return {"FINISHED"}

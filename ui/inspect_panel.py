@@ -32,7 +32,7 @@ class SPARSE_SURFACE_UL_terms(UIList):
         row.label(text=item.name, translate=False)
         amounts = row.row()
         for amount in item.amounts:
-            amounts.label(text=f"{amount:.2e}" if amount else "·", translate=False)
+            amounts.label(text=f"{amount:.2g}" if amount else "·", translate=False)
 
 
 class SPARSE_SURFACE_PT_inspect(UnderResult, Panel):

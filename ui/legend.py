@@ -13,6 +13,7 @@ from gpu_extras.batch import batch_for_shader
 
 from ..operators.data.lengths import unit_for
 from ..operators.data.result_keys import DISTANCES, ERROR_COLOUR, MADE_FROM, PATCH_COLOUR, REPORT, SCALE, has_heat_map
+from ..operators.data.viewports import sidebar_width
 from ..operators.heat_map.shown import anywhere_shown, shows_colours
 
 BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
@@ -191,10 +192,7 @@ def draw() -> None:
 
 def _right_edge(context: Context) -> float:
     """Return where the viewport ends at the right, or the sidebar that lies over it begins."""
-    overlap = context.preferences.system.use_region_overlap
-    sidebars = [region for region in context.area.regions if region.type == "UI" and region.alignment == "RIGHT"]
-    covered = max((region.width for region in sidebars if overlap and region.width > 1), default=0)
-    return float(context.region.width - covered)
+    return float(context.region.width - sidebar_width(context.area, context))
 
 
 def _draw_box(box: tuple[float, float, float, float]) -> None:

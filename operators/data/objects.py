@@ -157,9 +157,10 @@ def remove_marked(mark: str) -> None:
 
 
 def remove_objects(objects: Sequence[Object]) -> None:
-    """Remove objects, and their meshes if nothing else uses them."""
-    meshes = {candidate.data for candidate in objects if candidate.type == "MESH"}
+    """Remove objects, and their meshes and texts if nothing else uses them."""
+    kinds = {"MESH": bpy.data.meshes, "FONT": bpy.data.curves}
+    held = {candidate.data: kinds[candidate.type] for candidate in objects if candidate.type in kinds}
     bpy.data.batch_remove(objects)
-    for mesh in meshes:
-        if mesh.users == 0:
-            bpy.data.meshes.remove(mesh)
+    for data, kind in held.items():
+        if data.users == 0:
+            kind.remove(data)

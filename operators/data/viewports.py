@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from bpy.types import Area, Context, Object, SpaceView3D
+import bpy
+from bpy.types import Area, Context, Object, Region, SpaceView3D
+from bpy_extras.view3d_utils import region_2d_to_location_3d
 
 
 def viewports(context: Context) -> Iterator[Area]:
@@ -21,6 +23,44 @@ def redraw_regions(context: Context, kind: str) -> None:
         for region in area.regions:
             if region.type == kind:
                 region.tag_redraw()
+
+
+def frame(objects: Sequence[Object], context: Context) -> None:
+    """Turn no viewport, but move each so that all of these objects are seen; the selection stays as it is."""
+    context.view_layer.update()
+    layer = context.view_layer.objects
+    before = [each for each in layer if each.select_get()]
+    for each in layer:
+        each.select_set(each in objects)
+    for area in viewports(context):
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        with context.temp_override(area=area, region=region):
+            if bpy.ops.view3d.view_selected.poll():
+                bpy.ops.view3d.view_selected()
+                _make_room(area, region)
+    for each in layer:
+        each.select_set(each in before)
+
+
+def sidebar_width(area: Area, context: Context) -> int:
+    """Return how many pixels at the right of a viewport lie under its sidebar."""
+    if not context.preferences.system.use_region_overlap:
+        return 0
+    sidebars = (region for region in area.regions if region.type == "UI" and region.alignment == "RIGHT")
+    return max((region.width for region in sidebars if region.width > 1), default=0)
+
+
+def _make_room(area: Area, region: Region) -> None:
+    """Move what a viewport shows out from under its sidebar."""
+    covered = sidebar_width(area, bpy.context)
+    view = area.spaces.active.region_3d
+    if not 0 < covered < region.width / 2:
+        return
+    view.view_distance *= region.width / (region.width - covered)
+    view.update()
+    middle = ((region.width + covered) / 2.0, region.height / 2.0)
+    view.view_location = region_2d_to_location_3d(region, view, middle, view.view_location)
+    view.update()
 
 
 def is_shown_in(view: SpaceView3D, placed: Object, context: Context) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import radians
 from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as iface_
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Collection, Context, Object
 from mathutils import Matrix, Vector
@@ -24,8 +26,8 @@ from .stored import placement, read_representation
 FINE_SPLITS = 4
 """Parts of a triangle's edge where a patch's functions are shown."""
 
-TILE, GAP = 0.5, 0.15
-"""Width of a flat domain, and the space around it, relative to the result's size."""
+TILE, GAP, LABEL = 0.5, 0.2, 0.11
+"""Width of a flat domain, the space around it, and the height of the words below, relative to the result's size."""
 
 
 def choose_patch(context: Context, holder: Object, which: str) -> int:
@@ -129,6 +131,15 @@ class _Shown:
         self.collection.objects.link(made)
         return made
 
+    def label(self, what: str, words: str, matrix: Matrix) -> None:
+        """Write words, their lines 1 high, at a place."""
+        made = bpy.data.objects.new(f"Patch {self.patch} {what} Label", bpy.data.curves.new(what, "FONT"))
+        made.data.body = words
+        made.matrix_world = matrix
+        made.hide_select = made.show_in_front = True
+        made[INSPECTED] = self.holder.name
+        self.collection.objects.link(made)
+
 
 def _triangle_colours(representation: Representation, patch: int) -> NDArray[np.float32]:
     """Colour of each of the patch's triangles by the direction that it faces, RGBA (t, 4): creases show as edges."""
@@ -144,36 +155,60 @@ def _lay_out(shown: _Shown, coarse: PatchSheet, fine: PatchSheet, context: Conte
     several = len(coarse.domains) > 1
     everything = np.concatenate([*coarse.initial_domains, *coarse.domains])
     extent = float(np.ptp(everything, axis=0).max())
-    origin, size = _beside(shown.holder, context)
+    facing = view_axes(context)
+    origin, size = _beside(shown.holder, facing, context)
     for d, axis in enumerate("xyz"):
         c = d if several else 0
         whose = f" {axis}" if several else ""
-        row = []
+        column = []
         if several or d == 0:
-            row.append((f"Initial Domain{whose}", _flat(coarse.initial_domains[c]), coarse))
-            row.append((f"Optimised Domain{whose}", _flat(coarse.domains[c]), coarse))
+            column.append((f"Initial Domain{whose}", _flat(coarse.initial_domains[c]), coarse))
+            column.append((f"Optimised Domain{whose}", _flat(coarse.domains[c]), coarse))
         over_domain = np.concatenate([fine.domains[c], fine.heights[:, [d]]], axis=1)
-        row.append((f"{axis}(u, v)", over_domain, fine))
-        for column, (what, positions, sheet) in zip((0, 1, 2)[-len(row) :], row, strict=True):
+        column.append((f"{axis}(u, v)", over_domain, fine))
+        for kind, (what, positions, sheet) in zip((0, 1, 2)[-len(column) :], column, strict=True):
             made = shown.add(what, positions, sheet)
-            made.show_name = True
             made.show_wire = made.show_all_edges = sheet is coarse
-            tile = Vector(((column + 0.5) * (TILE + GAP), (d + 0.5) * (TILE + GAP), 0.0)) * size
+            right, up = (kind, 2 - d) if several else ((0, 2 - kind) if kind < 2 else (1, 2 - d))
+            corner = Vector((right * (TILE + GAP) + GAP / 2.0, up * (TILE + GAP + 2.0 * LABEL) + 2.0 * LABEL, 0.0))
+            middle = corner + Vector((TILE / 2.0, TILE / 2.0, 0.0))
             scale = TILE * size / extent if extent > 0.0 else 1.0
-            made.matrix_world = Matrix.Translation(origin + tile) @ Matrix.Scale(scale, 4)
+            turned = facing if sheet is coarse or facing == _FROM_ABOVE else facing @ _TILT
+            at = Matrix.Translation(facing @ (origin + middle * size))
+            made.matrix_world = at @ turned.to_4x4() @ Matrix.Scale(scale, 4)
+            title = (iface_("Initial Domain"), iface_("Optimised Domain"), f"{axis}(u, v)")[kind]
+            words = title if sheet is fine else title.replace(" ", "\n", 1) + whose
+            below = Matrix.Translation(facing @ (origin + (corner - Vector((0.0, LABEL, 0.0))) * size))
+            shown.label(what, words, below @ facing.to_4x4() @ Matrix.Scale(LABEL * size, 4))
 
 
 def _flat(domain: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([domain, np.zeros((len(domain), 1))], axis=1)
 
 
-def _beside(holder: Object, context: Context) -> tuple[Vector, float]:
-    """Return the lower corner of the free space at the right of an object, and the object's size in the world."""
+_FROM_ABOVE = Matrix.Identity(3)
+_TILT = Matrix.Rotation(radians(-35.0), 3, "X")
+"""Turns a function's graph so that its heights are seen."""
+
+
+def view_axes(context: Context) -> Matrix:
+    """Return the directions to the right, up and towards the user of the context's viewport, as columns, (3, 3).
+
+    Without a viewport that is the view from above.
+    """
+    view = getattr(context, "region_data", None)
+    return view.view_rotation.to_matrix() if view is not None else _FROM_ABOVE.copy()
+
+
+def _beside(holder: Object, facing: Matrix, context: Context) -> tuple[Vector, float]:
+    """Return the lower corner of the free space at the right of an object, along `facing`, and the object's size."""
     context.view_layer.update()
-    corners = [holder.matrix_world @ Vector(corner) for corner in holder.bound_box]
+    to_view = facing.transposed()
+    corners = [to_view @ (holder.matrix_world @ Vector(corner)) for corner in holder.bound_box]
     low, high = (Vector(tuple(pick(corner[k] for corner in corners) for k in range(3))) for pick in (min, max))
     size = max(high - low) or 1.0
-    return Vector((high.x + GAP * size, low.y, low.z)), size
+    depth = low.z if facing == _FROM_ABOVE else (low.z + high.z) / 2.0
+    return Vector((high.x + GAP * size, low.y, depth)), size
 
 
 def _note(context: Context, holder: Object, representation: Representation, patch: int) -> None:

@@ -30,7 +30,8 @@ def inspection() -> Any:
 
 
 def shown() -> dict[str, Any]:
-    return {o.name: o for o in bpy.data.objects if "sparse_surface_inspected" in o}
+    """What is laid out, but for the words below."""
+    return {o.name: o for o in bpy.data.objects if "sparse_surface_inspected" in o and o.type == "MESH"}
 
 
 def show(**arguments: Any) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 import driver
@@ -55,6 +56,36 @@ def look_from_above() -> Any:
         bpy.ops.view3d.view_axis(type="TOP")
         bpy.ops.view3d.view_all()
     yield 1.0
+
+
+def seen(placed: Any) -> bool:
+    """Whether all corners of an object's box lie in the viewport, left of the sidebar."""
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+
+    area, over = driver.viewport(), driver.region("WINDOW")
+    view = area.spaces.active.region_3d
+    places = [location_3d_to_region_2d(over, view, placed.matrix_world @ Vector(corner)) for corner in placed.bound_box]
+    return all(at is not None and 0 <= at.x <= over.width and 0 <= at.y <= over.height for at in places)
+
+
+def test_a_patch_is_laid_out_facing_the_user_and_framed():
+    made = result(30)
+    yield from driver.open_sidebar()
+    over = driver.region("UI")
+    driver.click(over.x + 60, over.y + over.height - 593)
+    yield 0.5
+    yield from press("inspect_patch")
+    yield 1.0
+    driver.shot("inspect_facing")
+    towards = driver.viewport().spaces.active.region_3d.view_rotation.to_matrix().col[2]
+    sheet = bpy.data.objects["Patch 0 Optimised Domain"]
+    assert sheet.matrix_world.to_3x3().col[2].normalized().dot(towards) > 0.999
+    assert all(seen(bpy.data.objects[name]) for name in shown())
+    assert seen(made)
+    for _ in range(6):
+        driver.window().event_simulate(type="WHEELDOWNMOUSE", value="PRESS", x=over.x + 100, y=over.y + 200)
+    yield 0.5
+    driver.shot("inspect_panel")
 
 
 def test_patches_step_and_undo():
@@ -133,10 +164,4 @@ def test_a_cancelled_comparison_leaves_nothing_behind():
 
 
 if __name__ == "__main__":
-    driver.run(
-        test_patches_step_and_undo,
-        test_resampling_and_its_undo,
-        test_patch_colours_show,
-        test_methods_are_compared_in_the_background,
-        test_a_cancelled_comparison_leaves_nothing_behind,
-    )
+    driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
