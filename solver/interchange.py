@@ -154,22 +154,22 @@ class StoredRepresentation:
 
     Parameters
     ----------
-    stored
-        What `Representation.stored` gave.
+    compact
+        What `Representation.compact` gave.
     """
 
-    def __init__(self, stored: bytes | memoryview) -> None:
+    def __init__(self, compact: bytes | memoryview) -> None:
         # In pieces, since `bytes` keeps every other thread waiting until it has copied the whole; `join` does not.
-        self.stored = b"".join([bytes(stored[start : start + _PIECE]) for start in range(0, len(stored), _PIECE)])
+        self.compact = b"".join([bytes(compact[start : start + _PIECE]) for start in range(0, len(compact), _PIECE)])
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[pickle.PickleBuffer]]:
-        return StoredRepresentation, (pickle.PickleBuffer(self.stored),)
+        return StoredRepresentation, (pickle.PickleBuffer(self.compact),)
 
     @cached_property
     def _opened(self) -> Representation:
         from .surface.representation import Representation  # SciPy
 
-        return Representation.from_bytes(self.stored)
+        return Representation.from_bytes(self.compact)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):  # asked for by `copy` and `pickle`

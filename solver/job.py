@@ -62,7 +62,7 @@ def solve_and_store(arrays: Task, settings: Any) -> Steps[Any]:
     result = yield from solve_arrays(arrays, settings)
     if isinstance(arrays, SurfacePair):
         return result
-    stored: Any = StoredRepresentation(result.representation.stored)
+    stored: Any = StoredRepresentation(result.representation.compact)
     return replace(result, representation=stored)
 
 

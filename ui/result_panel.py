@@ -13,6 +13,7 @@ from ..operators.data.lengths import length_text
 from ..operators.data.report_text import rows, verdict, warnings
 from ..operators.data.result_keys import (
     REPORT,
+    REPRESENTATION,
     has_heat_map,
     has_patches,
     has_representation,
@@ -97,7 +98,7 @@ class SPARSE_SURFACE_PT_representation(UnderResult, Panel):
         column = self.column(context)
         report = read_report(context.active_object)
         if report is not None:
-            size = report["representation_bytes"] / 1e6
+            size = len(context.active_object[REPRESENTATION]) / 1e6
             column.label(text=iface_("{} patches, {:.2g} MB").format(report["patches"], size), translate=False)
         column.operator("sparse_surface.separate_patches", icon="OUTLINER_COLLECTION")
         column.operator("sparse_surface.domains_to_uv", icon="UV")

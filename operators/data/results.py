@@ -172,7 +172,7 @@ def _put(made: Object, source: Source | CloudSource, surface: Approximation | Cl
     write_error(made, surface.error, scale)
     attributes.write(made.data, {PATCH: surface.patch, DOMAIN_STRETCH: surface.domain_stretch})
     made[REPORT] = json.loads(json.dumps(surface.report))  # plain values only, as Blender stores them
-    _store_representation(made, surface.representation.stored, source.lengths.stretch)
+    _store_representation(made, surface.representation.compact, source.lengths.stretch)
 
 
 def _store_representation(made: Object, stored: bytes, stretch: NDArray[np.float64] | None) -> None:

@@ -16,8 +16,8 @@ from ...solver.surface.representation import Representation
 from ..data.meshes import read_polygons, read_positions
 from ..data.result_keys import REPRESENTATION, SPLITS, STRETCH
 
-NEAR = 1e-5
-"""Distance, as a share of the longest side, within which a vertex is where the representation puts it."""
+NEAR = 3e-5
+"""Distance, as a share of the longest side, within which a vertex is where a compact representation puts it."""
 
 
 def read_representation(holder: Object) -> Representation:

@@ -117,7 +117,7 @@ def measure(
     """Fill in the report of a finished surface; `counts` are added to what `Report.input` says of the mesh."""
     with watch.stage("measure"):
         measures = deviation.measures()
-        jump, stored = seam(representation), len(representation.stored)
+        jump = seam(representation)
     return Report(
         version=VERSION,
         method=surface.settings.method,
@@ -131,7 +131,6 @@ def measure(
         faces_turned=faces_turned,
         **measures,
         seam_max=jump,
-        representation_bytes=stored,
         energy=iterations["energy"],
         iterations=iterations,
         tolerance=tolerance,

@@ -48,7 +48,7 @@ class Report:
         What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
     numpy_reason
         Why NumPy fitted the patches; None where the compiled kernel did.
-    seconds, peak_memory_mb, workers, representation_bytes
+    seconds, peak_memory_mb, workers
         Time of each stage and in total, largest resident memory, chunks fitted at once, size of the representation.
     ended_early
         True where `FINISH` was sent before the surface was refined to its end, else None.
@@ -75,7 +75,6 @@ class Report:
     surface_error: dict[str, float]
     relative: dict[str, float]
     seam_max: float
-    representation_bytes: int
     normal_error_degrees: float
     energy: list[float]
     iterations: dict[str, list[float]]

@@ -55,4 +55,5 @@ def assemble(
         coefficients=padded([fit.coefficients for fit in fits], (3, sparsity), 0.0),
         energy=padded([fit.energy for fit in fits], (iterations,), np.nan),
         solver=settings.solver,
+        initial=settings.initial_domain,
     )

@@ -101,14 +101,18 @@ def refusing(name: str) -> Iterator[None]:
 
 
 def pack(kind: Format, head: Mapping[str, Any], arrays: Arrays) -> bytes:
-    """Return a head and arrays as the content of a file; the same bytes for the same arrays."""
+    """Return a head and arrays as the content of a file; the same bytes for the same arrays.
+
+    Arrays of bytes are taken to be compressed.
+    """
     text = json.dumps({"format": kind.name, "version": kind.version, **head}).encode("ascii")
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for name, array in {HEAD: np.frombuffer(text, dtype=np.uint8), **arrays}.items():
             # Date and system of origin would make files differ that hold the same.
             entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            entry.compress_type, entry.create_system = zipfile.ZIP_DEFLATED, 3
+            packed = name != HEAD and array.dtype == np.uint8
+            entry.compress_type, entry.create_system = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED, 3
             entry.external_attr = 0o644 << 16
             content = io.BytesIO()
             np.save(content, array, allow_pickle=False)
@@ -116,19 +120,15 @@ def pack(kind: Format, head: Mapping[str, Any], arrays: Arrays) -> bytes:
     return file.getvalue()
 
 
-def smallest_indices(indices: NDArray[Any]) -> NDArray[Any]:
-    """Return indices in the smallest type that holds them."""
-    largest = int(indices.max(initial=0))
-    return indices.astype(next(kind for kind in INDICES if largest <= np.iinfo(kind).max))
-
-
-def unpack(kind: Format, file: IO[bytes], name: str) -> tuple[dict[str, Any], Arrays, dict[str, int]]:
-    """Read a file that `pack` made.
+def unpack(
+    kinds: Mapping[int, Format], file: IO[bytes], name: str
+) -> tuple[int, dict[str, Any], Arrays, dict[str, int]]:
+    """Read a file that `pack` made, of one of several versions.
 
     Returns
     -------
-    head, arrays, sizes
-        The further contents of the head, the arrays as stored, and the sizes that the layers' shapes name.
+    version, head, arrays, sizes
+        The version, the further contents of the head, the arrays as stored, and the sizes that the layers' shapes name.
 
     Raises
     ------
@@ -141,12 +141,14 @@ def unpack(kind: Format, file: IO[bytes], name: str) -> tuple[dict[str, Any], Ar
     except _DAMAGE:
         if begins_as_zip:
             raise FileFormatError(f"{name} is cut or damaged: its end is missing.") from None
-        raise FileFormatError(f"{name} is not {kind.noun}.") from None
+        raise FileFormatError(f"{name} is not {kinds[max(kinds)].noun}.") from None
     with refusing(name), archive:
-        return _read_head(kind, archive, name), *_read_layers(kind, archive)
+        version, head = _read_head(kinds, archive, name)
+        return version, head, *_read_layers(kinds[version], archive)
 
 
-def _read_head(kind: Format, archive: zipfile.ZipFile, name: str) -> dict[str, Any]:
+def _read_head(kinds: Mapping[int, Format], archive: zipfile.ZipFile, name: str) -> tuple[int, dict[str, Any]]:
+    kind = kinds[max(kinds)]
     foreign = FileFormatError(f"{name} is not {kind.noun}.")
     entries = [entry for entry in archive.infolist() if entry.filename == f"{HEAD}.npy"]
     if len(entries) != 1:
@@ -164,8 +166,10 @@ def _read_head(kind: Format, archive: zipfile.ZipFile, name: str) -> dict[str, A
             f"(format {version}, this version reads up to {kind.version})."
         )
     own = {name: value for name, value in head.items() if name not in ("format", "version")}
-    demand(version == kind.version and set(own) == kind.keys, "its head is not that of this format")
-    return own
+    if type(version) is not int or version not in kinds:
+        raise Refusal("its version is unknown")
+    demand(set(own) == kinds[version].keys, "its head is not that of this format")
+    return version, own
 
 
 def _read_layers(kind: Format, archive: zipfile.ZipFile) -> tuple[Arrays, dict[str, int]]:

@@ -1,23 +1,25 @@
-"""Representations as files: which arrays there are, how small they are stored, and what is checked when they are read.
+"""Representations as files: written in format 2 (docs/format.md), read in format 1 too.
 
 Reading trusts nothing: contents are checked before they are used, and a cut, foreign, newer or forged file is refused
-in one sentence and never evaluated.  The format is described in docs/representation.md.
+in one sentence and never evaluated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import IO, Any
 
 import numpy as np
 
-from ..arrays import Array, Indices, rows_in_order
+from ..arrays import Indices, rows_in_order
+from ..errors import InputError
 from ..fitting.dictionary import Dictionary
+from ..patches.parameterisation import METHODS
 from ..settings import Settings
-from .container import INDICES, REAL, Arrays, Format, Layer, demand, pack, refusing, smallest_indices, unpack
-
-HARMLESS = 2e-7
-"""Move of the surface, in longest sides, up to which domains are stored in single precision."""
+from .container import INDICES, REAL, Arrays, Format, Layer, demand, pack, refusing, unpack
+from .format.blocks import BlockReader
+from .format.content import Sizes
+from .format.reading import read
+from .format.writing import QUALITIES, write
 
 LARGEST_VALUES = {
     "vertices": 1e60,
@@ -26,9 +28,14 @@ LARGEST_VALUES = {
     "weights": 2.0,
     "origins": 1e60,
     "scales": 1e60,
-    "coefficients": 1e60,
+    "coefficients": 1e12,
 }
 """Beyond these a forged file could make evaluation overflow; what is fitted stays far below."""
+
+FARTHEST = 1e37
+"""No point of a surface lies farther from the origin: meshes hold single precision."""
+
+LARGEST_DEGREE: int = Settings.__dataclass_fields__["degree"].metadata["high"]
 
 LAYERS = {
     "vertices": Layer(("vertices", 3), REAL),
@@ -50,69 +57,85 @@ LAYERS = {
     "coefficients": Layer(("patches", 3, "functions"), REAL),
     "energy": Layer(("patches", "iterations"), REAL),
 }
-"""The arrays of a file, with the names of the fields of `Representation`."""
+"""The arrays of format 1, with the names of the fields of `Representation`."""
 
+NAME, NOUN = "sparse surface representation", "a saved representation of Sparse Surface"
+FORMAT_1 = Format(NAME, 1, NOUN, frozenset({"blending", "basis", "degree"}), LAYERS)
 FORMAT = Format(
-    "sparse surface representation",
-    1,
-    "a saved representation of Sparse Surface",
-    frozenset({"blending", "basis", "degree"}),
-    LAYERS,
+    NAME,
+    2,
+    NOUN,
+    frozenset({"blending", "basis", "degree", "initial", "quality", "error", "sizes"}),
+    {"data": Layer(("bytes",), ("|u1",))},
 )
 
 
-def to_bytes(head: Mapping[str, Any], arrays: Arrays) -> bytes:
-    """Return the fields of a representation as the content of a file, in small types that hold the same.
+FORMATS = {1: FORMAT_1, 2: FORMAT}
+
+
+def to_bytes(surface: Any, quality: str) -> bytes:
+    """Return a representation as the content of a file; the same bytes for the same representation.
 
     Parameters
     ----------
-    head
-        Its `blending`, `basis` and `degree`.
-    arrays
-        All others; `domains` in the precision in which they are stored.
+    surface
+        The representation.
+    quality
+        One of `QUALITIES`.
     """
-    stored: Arrays = {}
-    for name, layer in LAYERS.items():
-        array = smallest_indices(arrays[name]) if layer.types == INDICES else arrays[name]
-        stored[name] = np.ascontiguousarray(array)
-    stored["support"] = stored["support"].astype("<i2")
-    for name in ("initial_domains", "energy"):  # nothing is evaluated with them
-        stored[name] = stored[name].astype("<f4")
-    if _is_single(stored["vertices"]):
-        stored["vertices"] = stored["vertices"].astype("<f4")
-    little = {name: array.astype(array.dtype.newbyteorder("<"), copy=False) for name, array in stored.items()}
-    return pack(FORMAT, head, little)
-
-
-def _is_single(values: Array) -> bool:
-    """Whether the values came from single precision."""
-    with np.errstate(over="ignore"):
-        return bool((values.astype(np.float32) == values).all())
+    if quality not in QUALITIES:
+        raise InputError(f"A representation is saved as {' or '.join(QUALITIES)}, not as {quality!r}.")
+    written = write(surface, QUALITIES[quality])
+    head = {
+        "blending": surface.blending,
+        "basis": surface.basis,
+        "degree": surface.degree,
+        "initial": surface.initial,
+        "quality": quality,
+        "error": float(f"{written.error:.2g}"),
+        "sizes": written.sizes.stated(),
+    }
+    return pack(FORMAT, head, {"data": np.frombuffer(written.blocks.content(), dtype=np.uint8)})
 
 
 def from_file(file: IO[bytes], name: str) -> dict[str, Any]:
     """Return the fields of a representation when all of its contents make sense together.
+
+    `initial_domains` is missing where it is to be found again.
 
     Raises
     ------
     FileFormatError
         When the file is cut, damaged, newer than this version, or something else; `name` begins the sentence.
     """
-    head, stored, sizes = unpack(FORMAT, file, name)
+    version, head, stored, sizes = unpack(FORMATS, file, name)
     with refusing(name):
-        demand(sizes["patches + 1"] == sizes["patches"] + 1, "the numbers of patches differ")
-        demand(sizes["domains"] in (1, 3), f"it has {sizes['domains']} domains for each patch")
         demand(head["blending"] in ("partition", "uniform"), "its blending is unknown")
         demand(head["basis"] in ("legendre", "monomial"), "its basis is unknown")
-        degree, most = head["degree"], Settings.__dataclass_fields__["degree"].metadata["high"]
+        degree, most = head["degree"], LARGEST_DEGREE
         demand(type(degree) is int and 0 <= degree <= most, f"its degree is not a whole number from 0 to {most}")
-        arrays = {
-            name: array.astype(np.float64 if LAYERS[name].types == REAL else np.int64) for name, array in stored.items()
-        }
-        _check_mesh(arrays)
-        _check_patches(arrays)
-        _check_functions(arrays, Dictionary(degree, head["basis"]).size)
-    return {**head, **arrays}
+        fields = {key: head[key] for key in FORMAT_1.keys}
+        if version == 1:
+            return {**fields, **_fields_of_format_1(stored, sizes, Dictionary(degree, head["basis"]).size)}
+        demand(head["initial"] in ("", *METHODS), "its initial domains are unknown")
+        content = stored["data"].tobytes()
+        fields |= read(head, Sizes.read(head["sizes"], degree, len(content)), BlockReader(content))
+        demand(bool(head["initial"]) != ("initial_domains" in fields), "it lacks its initial domains")
+        _check_functions(fields, Dictionary(degree, head["basis"]).size)
+        return {**fields, "initial": head["initial"]}
+
+
+def _fields_of_format_1(stored: Arrays, sizes: dict[str, int], functions: int) -> dict[str, Any]:
+    demand(sizes["patches + 1"] == sizes["patches"] + 1, "the numbers of patches differ")
+    demand(sizes["domains"] in (1, 3), f"it has {sizes['domains']} domains for each patch")
+    demand(sizes["triangles"] > 0, "it has no faces")
+    arrays = {
+        name: array.astype(np.float64 if LAYERS[name].types == REAL else np.int64) for name, array in stored.items()
+    }
+    _check_mesh(arrays)
+    _check_patches(arrays)
+    _check_functions(arrays, functions)
+    return arrays
 
 
 def _check_mesh(arrays: Arrays) -> None:
@@ -144,13 +167,25 @@ def _check_patches(arrays: Arrays) -> None:
 
 
 def _check_functions(arrays: Arrays, functions: int) -> None:
-    for name, largest in LARGEST_VALUES.items():
+    for name in LARGEST_VALUES.keys() & arrays.keys():
+        largest = LARGEST_VALUES[name]
         demand((np.abs(arrays[name]) <= largest).all(), f"a value of {name} is too large or not finite")
     demand((arrays["weights"] >= 0.0).all(), "a weight is negative")
     demand((arrays["scales"] >= 1.0 / LARGEST_VALUES["scales"]).all(), "a scale is too small")
     demand(not np.isinf(arrays["energy"]).any(), "an energy is infinite")
+    _check_reach(arrays)
     support = arrays["support"]
     demand((support >= -1).all() and (support < functions).all(), "a function is not in its dictionary")
+
+
+def _check_reach(arrays: Arrays) -> None:
+    """Refuse functions that could leave the numbers that meshes have."""
+    scales = np.broadcast_to(arrays["scales"], (len(arrays["scales"]), 3))
+    widest = max(1.0, 2.0 * float(np.abs(arrays["domains"]).max(initial=0.0)))
+    with np.errstate(over="ignore"):
+        reach = np.abs(arrays["coefficients"]).sum(axis=2) / scales + np.abs(arrays["origins"])
+        demand((reach <= FARTHEST).all(), "a patch reaches too far away")
+        demand(np.log10(widest) * LARGEST_DEGREE + np.log10(reach.max(initial=1.0)) < 300.0, "a domain is too large")
 
 
 def _check_offsets(arrays: Arrays, name: str, what: str) -> None:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import Array, Indices, rows_in_order, runs_of_rows
-from ..atomic_files import atomic_output
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.normals import unit
 from ..native import surface as native
 from ..native.library import reason_against
-from . import files
 from .flat import checked_places, flat_part
+from .saved import Saved
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
@@ -30,7 +26,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Representation:
+class Representation(Saved):
     """K patches over a mesh of V vertices, T triangles; M patch vertices and S patch triangles in ragged arrays.
 
     The surface at a point x of a triangle is S(x) = sum_k phi_k(x) h_k(Phi_k(x)) + (1 - sum_k phi_k(x)) x, the sum over
@@ -65,6 +61,8 @@ class Representation:
         Objective of each patch after each iteration, in the patch's scale, (K, I); NaN where a patch took fewer.
     solver
         "native" or "numpy": what evaluates the surface, with differences of rounding.  Not stored.
+    initial
+        How the initial domains were made, and can be made again: "lscm", "harmonic", "tutte", or "" where unknown.
     """
 
     vertices: Array
@@ -89,6 +87,7 @@ class Representation:
     coefficients: Array
     energy: Array
     solver: str = "native"
+    initial: str = ""
 
     @property
     def patches(self) -> int:
@@ -271,59 +270,6 @@ class Representation:
         """Unit normals of the surface, (N, 3); zero where the surface has no tangent plane."""
         tangents = self.evaluate_with_tangents(face_index, barycentric)[1]
         return unit(np.asarray(np.cross(tangents[:, 0], tangents[:, 1]), dtype=np.float64))
-
-    @cached_property
-    def stored(self) -> bytes:
-        """The representation as the content of a file; the same bytes for the same representation.
-
-        Arrays are stored in small types, with the surface the same to 1e-6 of its longest side.
-        """
-        arrays = {name: getattr(self, name) for name in files.LAYERS}
-        rounded = self.domains.astype("<f4")
-        if self._moved_by(rounded) <= files.HARMLESS:
-            arrays["domains"] = rounded
-        return files.to_bytes({"blending": self.blending, "basis": self.basis, "degree": self.degree}, arrays)
-
-    def _moved_by(self, domains: NDArray[np.float32]) -> float:
-        """Largest move of a patch's surface when its domains are replaced by rounded ones, in longest sides."""
-        moved = replace(self, domains=domains.astype(np.float64)).at_patch_vertices - self.at_patch_vertices
-        return float(np.abs(moved).max(initial=0.0)) / float(np.ptp(self.vertices, axis=0).max())
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the representation to a file (`.npz`, see docs/representation.md), which appears when it is complete.
-
-        Raises
-        ------
-        OSError
-            When the file cannot be written.
-
-        Examples
-        --------
-        >>> from sparse_surface.solver import approximate, load, save
-        >>> save(approximate(vertices, faces).representation, folder / "model.npz")
-        >>> points = load(folder / "model.npz").at_vertices()
-        """
-        with atomic_output(Path(path)) as draft:
-            draft.write_bytes(self.stored)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Representation:
-        """Read what `save` wrote; the surface is the same to 1e-6 of its longest side.
-
-        Raises
-        ------
-        FileFormatError
-            When the file is cut, damaged, newer than this version, or something else; in one sentence.
-        OSError
-            When there is no such file, or it cannot be read.
-        """
-        with open(path, "rb") as file:
-            return cls(**files.from_file(file, f"'{Path(path).name}'"))
-
-    @classmethod
-    def from_bytes(cls, data: bytes, name: str = "The stored representation") -> Representation:
-        """Read what `stored` returned; `name` begins the sentence in which damaged bytes are refused."""
-        return cls(**files.from_file(io.BytesIO(data), name))
 
     def _evaluate(self, face_index: ArrayLike, barycentric: ArrayLike, tangents: bool) -> Array:
         """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.

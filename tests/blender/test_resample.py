@@ -17,6 +17,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 import scenes
 
 
+def kept(result):
+    """Return how far a compact representation may be from the surface that was found."""
+    return 1.1e-5 * np.ptp(scenes.world_positions(result), axis=0).max()
+
+
 def resampled(splits: int = 2):
     assert bpy.ops.sparse_surface.resample(splits=splits) == {"FINISHED"}
     return bpy.context.view_layer.objects.active
@@ -38,7 +43,7 @@ def test_it_is_the_representations_surface():
     assert len(made.data.polygons) == 9 * len(result.data.polygons)
     assert not made.data.validate()
     count = len(result.data.vertices)
-    assert np.allclose(scenes.positions(made.data)[:count], scenes.positions(result.data), atol=1e-6)
+    assert np.allclose(scenes.positions(made.data)[:count], scenes.positions(result.data), atol=kept(result))
 
 
 def test_the_result_stays_as_it_is_and_only_the_new_object_is_selected():
@@ -60,10 +65,11 @@ def test_errors_and_colours_are_those_of_the_new_points():
     assert list(made["error_color_range"]) == list(result["error_color_range"])
     error = scenes.values(made.data, "error")
     count = len(source.data.vertices)
-    assert np.allclose(error[:count], scenes.values(result.data, "error"), atol=1e-6)
+    assert np.allclose(error[:count], scenes.values(result.data, "error"), atol=6.0 * kept(result))
     middle = (scenes.positions(source.data)[0] + scenes.positions(source.data)[1]) / 2
     number = np.argmin(np.linalg.norm(scenes.positions(made.data) - middle, axis=1))
-    assert error[number] == pytest.approx(np.linalg.norm(scenes.positions(made.data)[number] - middle), abs=1e-6)
+    expected = np.linalg.norm(scenes.positions(made.data)[number] - middle)
+    assert error[number] == pytest.approx(expected, abs=6.0 * kept(result))
     assert made.data.color_attributes.active_color.name == "error_color"
 
 
@@ -73,9 +79,9 @@ def test_it_stands_where_the_result_stands():
     result = scenes.approximate()
     made = resampled(2)
     count = len(source.data.vertices)
-    assert np.allclose(scenes.world_positions(made)[:count], scenes.world_positions(result), atol=1e-5)
+    assert np.allclose(scenes.world_positions(made)[:count], scenes.world_positions(result), atol=kept(result))
     error = np.linalg.norm(scenes.world_positions(made)[:count] - scenes.world_positions(source), axis=1)
-    assert np.allclose(scenes.values(made.data, "error")[:count], error, atol=1e-5)
+    assert np.allclose(scenes.values(made.data, "error")[:count], error, atol=6.0 * kept(result))
 
 
 def test_applied_transforms_are_followed():
@@ -87,7 +93,7 @@ def test_applied_transforms_are_followed():
     assert tuple(result.scale) == (1.0, 1.0, 1.0)
     made = resampled(2)
     count = len(source.data.vertices)
-    assert np.allclose(scenes.world_positions(made)[:count], scenes.world_positions(result), atol=2e-5)
+    assert np.allclose(scenes.world_positions(made)[:count], scenes.world_positions(result), atol=kept(result))
 
 
 def test_an_edited_mesh_is_refused():
@@ -230,7 +236,6 @@ def test_it_is_there_after_saving_and_loading(tmp_path):
     scenes.creased_sheet(12)
     result = scenes.approximate()
     stored = result["sparse_surface_representation"]
-    assert result["sparse_surface"]["representation_bytes"] == len(stored)
     name, path = result.name, str(tmp_path / "kept.blend")
     expected = scenes.positions(resampled(2).data).tobytes()
     bpy.ops.wm.save_as_mainfile(filepath=path)
@@ -249,13 +254,15 @@ def test_it_is_there_after_saving_and_loading(tmp_path):
 
 def test_a_replaced_result_has_the_new_one():
     source = scenes.creased_sheet(12)
+    before = set()
     for ring in (4, 3, 5):
         scenes.select(source)
         result = scenes.approximate(ring=ring)
         stored = result["sparse_surface_representation"]
-        assert len(stored) == result["sparse_surface"]["representation_bytes"]
+        assert stored not in before
+        before.add(stored)
         made = resampled(1)
-        assert np.allclose(scenes.positions(made.data), scenes.positions(result.data), atol=1e-6)
+        assert np.allclose(scenes.positions(made.data), scenes.positions(result.data), atol=kept(result))
 
 
 def test_duplicates_have_it_too():
@@ -265,7 +272,7 @@ def test_duplicates_have_it_too():
     copied = bpy.context.object
     copied.data.transform(Matrix.Scale(2.0, 4))
     made = resampled(1)
-    assert np.allclose(scenes.positions(made.data), scenes.positions(copied.data), atol=1e-5)
+    assert np.allclose(scenes.positions(made.data), scenes.positions(copied.data), atol=kept(copied))
 
 
 def test_the_density_has_its_limits():

@@ -97,7 +97,7 @@ def test_the_representation_is_opened_when_it_is_used(job: Job) -> None:
     assert job.outcome is not None, job.failure
     here = approximate(arrays.vertices, arrays.polygons(), QUICK).representation
     brought = job.outcome.representation
-    assert brought.stored[:2] == b"PK"
+    assert brought.compact[:2] == b"PK"
     assert "_opened" not in vars(brought)
     points = np.zeros(20, dtype=np.int64), np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 20)
     # a file holds single precision
@@ -124,7 +124,7 @@ job.start(MeshArrays(vertices, corners.ravel(), np.full(98, 3, np.int32), corner
 while job.running:
     job.poll()
     time.sleep(0.01)
-print(job.failure, len(job.outcome.vertices), len(job.outcome.representation.stored) > 0, "scipy" in sys.modules)
+print(job.failure, len(job.outcome.vertices), len(job.outcome.representation.compact) > 0, "scipy" in sys.modules)
 job.stop()
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

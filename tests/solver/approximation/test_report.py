@@ -13,7 +13,7 @@ from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import FINISH, Report, Settings, approximate, reconstruct
 
 QUICK = {"workers": 1, "iterations": 1, "sweeps": 0, "ring": 4, "degree": 6, "sparsity": 8}
-COUNTS = {"input", "patches", "flipped_triangles", "passed_through_vertices", "representation_bytes", "workers"}
+COUNTS = {"input", "patches", "flipped_triangles", "passed_through_vertices", "workers"}
 COPIES = {"vertices_reproduced", "faces_turned"}
 CLOUD = {"cloud", "points_to_surface", "surface_to_points", "pieces", "euler"}
 ERRORS = {"vertex_error", "surface_error", "relative", "seam_max", "normal_error_degrees", "energy", "iterations"}

@@ -1,0 +1,182 @@
+"""Domains, predicted from the functions: a vertex lies where its patch's surface comes nearest to it.
+
+Rounds grow from a triangle at each patch's centre.  A triangle with two known corners suggests where the third lies:
+it has the same shape as in space.  From the mean of what is suggested one Gauss-Newton step leads towards the point of
+the patch's surface that is nearest to the vertex; what neighbours were off by is expected here too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array, Booleans, Indices
+from ...fitting.dictionary import Dictionary
+from .cover import Cover
+from .growth import Coder, mean_of, rounds
+
+DAMPING, LONGEST_STEP, EXPECTED = 1e-3, 0.1, 0.5
+FAR = 0.02
+"""A longer first step is followed by a second."""
+
+ANYWHERE = 1.0
+"""How far off a domain may be that no neighbour predicts."""
+
+LEAST_SPEED, LARGEST_SPEED = 0.3, 1e9
+FINER = 1 / 4
+"""Steps of vertices whose rounding would move the surface too far."""
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Where the third corner of each triangle lies, seen from the other two: along their edge and off it, (3, T) both.
+
+    In row k the third corner is corner (k + 3) % 3; lengths are those of the edge.
+    """
+
+    share: Array
+    height: Array
+
+    @classmethod
+    def of(cls, positions: Array, triangles: Indices) -> Shapes:
+        """Measure triangles (T, 3) between positions (V, 3)."""
+        corner = [positions[column].T for column in triangles.T]
+        share, height = np.empty((3, len(triangles))), np.empty((3, len(triangles)))
+        for row in range(3):
+            (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (corner[(k + row + 1) % 3] for k in range(3))
+            x, y, z, u, v, w = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+            length = np.maximum(x * x + y * y + z * z, np.finfo(float).tiny)
+            share[row] = (x * u + y * v + z * w) / length
+            height[row] = np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2) / length
+        return cls(share, height)
+
+
+@dataclass(frozen=True)
+class Functions:
+    """Sparse functions of K patches, of r coordinates: terms (r, n, K) as degrees in u and v, and coefficients.
+
+    `coefficients` are zero where a coordinate uses fewer functions.
+    """
+
+    dictionary: Dictionary
+    degrees: Indices
+    coefficients: Array
+
+    @classmethod
+    def of(cls, dictionary: Dictionary, support: Indices, coefficients: Array) -> Functions:
+        """Take the functions `support` with their coefficients, (K, r, n) both."""
+        used = support >= 0
+        degrees = dictionary.degrees[np.where(used, support, 0)]
+        return cls(
+            dictionary,
+            np.ascontiguousarray(degrees.transpose(3, 1, 2, 0)),
+            np.ascontiguousarray(np.where(used, coefficients, 0.0).transpose(1, 2, 0)),
+        )
+
+    def __call__(self, patch: Indices, domain: Array) -> tuple[Array, Array, Array]:
+        """Values and derivatives along u and v, (r, n) each, of patches (n,) at parameters (n, 2)."""
+        u, v = (self.dictionary.tables(parameter) for parameter in np.ascontiguousarray(domain.T))
+        du, dv = self.dictionary.derivative_tables(u), self.dictionary.derivative_tables(v)
+        point = np.arange(len(patch))
+        # flat places in the tables: NumPy finds these in less time than pairs of places
+        i, j = (degree.take(patch, axis=-1) * len(patch) + point for degree in self.degrees)
+        factors = self.coefficients.take(patch, axis=-1)
+        u, v, du, dv = (np.ascontiguousarray(table).ravel() for table in (u, v, du, dv))
+        at_u, at_v = u.take(i), v.take(j)
+        at_v *= factors
+        along_v = dv.take(j)
+        along_v *= factors
+        return (
+            np.einsum("rsn,rsn->rn", at_u, at_v),
+            np.einsum("rsn,rsn->rn", du.take(i), at_v),
+            np.einsum("rsn,rsn->rn", at_u, along_v),
+        )
+
+
+def code_domains(
+    cover: Cover, centres: Indices, shapes: Shapes, target: Array, functions: Functions, steps: Array, code: Coder
+) -> Array:
+    """Find a domain, (M, 2): what `code` makes of the predictions.
+
+    Parameters
+    ----------
+    cover, centres
+        The patches, and the node at the centre of each, (K,), or -1.
+    shapes
+        Of the mesh's triangles.
+    target
+        The patch vertices' positions in the patches' frames, as far as `functions` describe them, (M, r).
+    steps
+        Largest move of each patch vertex by one step, in the patches' frames, (M,).
+    """
+    patch = cover.patch_of_vertex
+    known = seeds_of(cover, centres)
+    domain, off = np.zeros((len(patch), 2)), np.zeros((len(patch), 2))
+    links = np.concatenate([np.roll(cover.corners, -k, axis=1) for k in (1, 2, 3)])
+    share, height = (part[:, cover.mesh_triangles].ravel() for part in (shapes.share, shapes.height))
+
+    def settle(places: Indices, start: Array, expected: Array, size: Array) -> None:
+        nearest, speed = _towards(functions, patch[places], start, target[places])
+        far = np.flatnonzero((np.abs(nearest - start) > FAR).any(axis=1))
+        nearest[far], speed[far] = _towards(functions, patch[places[far]], nearest[far], target[places[far]])
+        step = steps[places, None] / np.clip(speed, LEAST_SPEED, LARGEST_SPEED)
+        domain[places] = code(places, nearest + EXPECTED * expected, step, size)
+        off[places] = domain[places] - nearest
+
+    def settle_unpredicted(places: Indices) -> None:
+        nothing = np.zeros((len(places), 2))
+        settle(places, nothing, nothing, nothing + ANYWHERE)
+
+    settle_unpredicted(np.flatnonzero(known))
+    for places, used, owner in rounds(links[:, 2], links[:, :2], known):
+        a, b = links[used, 0], links[used, 1]
+        sizes = (code.sizes[a] + code.sizes[b]).mean(axis=1, keepdims=True) / 2.0
+        start = domain[a]
+        along = domain[b] - start
+        turned = along[:, ::-1] * (-1.0, 1.0)
+        suggested = start + share[used, None] * along + height[used, None] * turned
+        both = np.concatenate([suggested, (off[a] + off[b]) / 2.0, sizes], axis=1)
+        mean = mean_of(both, owner, len(places))
+        settle(places, mean[:, :2], mean[:, 2:4], np.repeat(mean[:, 4:], 2, axis=1))
+    settle_unpredicted(np.flatnonzero(~known))
+    return domain
+
+
+def shares_of(cover: Cover, weights: Array, least: float) -> Array:
+    """How much of a patch vertex's move shows, (M,): its weight, half of a neighbour's, or `least`; the largest."""
+    largest = weights[cover.corners].max(axis=1, initial=0.0)
+    shares = weights.copy()
+    np.maximum.at(shares, cover.corners.ravel(), np.repeat(largest / 2.0, 3))
+    return np.maximum(shares, least)
+
+
+def seeds_of(cover: Cover, centres: Indices) -> Booleans:
+    """Tell which patch vertices, (M,), rounds start from: the corners of a patch's first triangle at its centre."""
+    patch = np.repeat(np.arange(len(centres)), np.diff(cover.triangle_offsets))
+    at_centre = (cover.nodes[cover.corners] == centres[patch][:, None]).any(axis=1)
+    order = np.lexsort((np.arange(len(patch)), ~at_centre, patch))
+    first = order[cover.triangle_offsets[:-1][np.diff(cover.triangle_offsets) > 0]]
+    seeds = np.zeros(len(cover.nodes), dtype=bool)
+    seeds[cover.corners[first]] = True
+    return seeds
+
+
+def _towards(functions: Functions, patch: Indices, domain: Array, target: Array) -> tuple[Array, Array]:
+    """Make one Gauss-Newton step from parameters (n, 2) towards the points nearest to the targets (n, r).
+
+    Returns
+    -------
+    The new parameters, and how fast the functions move with each, (n, 2).
+    """
+    value, u, v = functions(patch, domain)
+    with np.errstate(all="ignore"):  # forged functions may overflow; their steps are cut off below
+        missing = target.T - value
+        uu, uv, vv = (u * u).sum(axis=0), (u * v).sum(axis=0), (v * v).sum(axis=0)
+        ue, ve = (u * missing).sum(axis=0), (v * missing).sum(axis=0)
+        speed = np.sqrt(np.stack([uu, vv], axis=1))
+        damping = DAMPING * (uu + vv) + np.finfo(float).tiny
+        uu, vv = uu + damping, vv + damping
+        step = np.stack([vv * ue - uv * ve, uu * ve - uv * ue], axis=1) / (uu * vv - uv * uv)[:, None]
+    step = np.where(np.isfinite(step), step, 0.0)
+    return domain + np.clip(step, -LONGEST_STEP, LONGEST_STEP), np.where(np.isfinite(speed), speed, LARGEST_SPEED)

@@ -1,0 +1,112 @@
+"""Growth: in which order values are predicted, and from which known ones.
+
+A *link* names a target and the places whose values predict it.  In each round all targets are predicted whose links
+have nothing but known places; they are known in the next round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...arrays import Array, Booleans, Indices
+from .entropy import CONTEXTS, NumberReader, NumberWriter
+
+
+class Coder(Protocol):
+    """Turns predictions into values: prediction + step * whole number."""
+
+    sizes: Array
+    """How far values were from their predictions, (N, d)."""
+
+    def __call__(self, places: Indices, predicted: Array, steps: Array, expected: Array) -> Array:
+        """Return the values at places (n,).
+
+        Parameters
+        ----------
+        predicted, steps
+            (n, d) and (n, d) or (n, 1).
+        expected
+            How far off predictions may be, (n, d); says which table a number has.
+        """
+
+
+BOUNDS = 1.01 * 2.0 ** (np.arange(1, CONTEXTS) / 2.0) - 1.0
+"""Two tables for each doubling.  No bound is a number that a mean of whole numbers can be, lest rounding decides."""
+
+
+def contexts_of(expected: Array, steps: Array) -> Indices:
+    """Table of each number, (n, d), by how large it is expected to be."""
+    return np.searchsorted(BOUNDS, expected / steps)
+
+
+class Writing:
+    """Finds the whole numbers that lead from predictions to the given values, as nearly as the steps permit."""
+
+    def __init__(self, values: Array) -> None:
+        self._values, self.sizes, self.numbers = values, np.zeros(values.shape), NumberWriter()
+
+    def __call__(self, places: Indices, predicted: Array, steps: Array, expected: Array) -> Array:
+        """Return the nearest values."""
+        found = np.rint((self._values[places] - predicted) / steps).astype(np.int64)
+        self.numbers.add(found.ravel(), contexts_of(expected, steps).ravel())
+        self.sizes[places] = np.abs(found) * steps
+        return predicted + found * steps
+
+
+class Reading:
+    """Adds the stored whole numbers to the predictions."""
+
+    def __init__(self, numbers: NumberReader, shape: tuple[int, int]) -> None:
+        self._numbers, self.sizes = numbers, np.zeros(shape)
+
+    def __call__(self, places: Indices, predicted: Array, steps: Array, expected: Array) -> Array:
+        """Return the stored values."""
+        found = self._numbers.take(contexts_of(expected, steps).ravel()).reshape(predicted.shape)
+        self.sizes[places] = np.abs(found) * steps
+        return predicted + found * steps
+
+
+def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
+    """Yield places in the order in which they become known.
+
+    Parameters
+    ----------
+    targets, sources
+        The links, (Q,) and (Q, n).
+    known
+        Places that are known at the start, (N,); changed in place.
+
+    Yields
+    ------
+    places, links, owner
+        Places that become known together, ascending; the links that predict them, and the position among the places of
+        the target of each.
+    """
+    count, width = sources.shape
+    ones, bounds = np.ones(count * width, dtype=np.int8), np.arange(0, count * width + 1, width)
+    from_source = csr_array((ones, sources.ravel(), bounds), shape=(count, len(known))).tocsc()
+    starts, links_of = from_source.indptr, from_source.indices
+    fresh, columns = np.flatnonzero(known), [np.ascontiguousarray(column) for column in sources.T]
+    while len(fresh):
+        lengths = starts[fresh + 1] - starts[fresh]
+        ends = np.cumsum(lengths)
+        touched = links_of[np.repeat(starts[fresh] - (ends - lengths), lengths) + np.arange(ends[-1])]
+        touched = touched[~known[targets[touched]]]
+        for column in columns:
+            touched = touched[known[column[touched]]]
+        ready = np.unique(touched)
+        places, owner = np.unique(targets[ready], return_inverse=True)
+        if len(places):
+            yield places, ready, owner.ravel()
+        known[places] = True
+        fresh = places
+
+
+def mean_of(values: Array, owner: Indices, count: int) -> Array:
+    """Mean of the rows of values, (q, d), that each of `count` owners has."""
+    each = np.bincount(owner, minlength=count)
+    return np.stack([np.bincount(owner, weights=column, minlength=count) / each for column in values.T], axis=1)

@@ -1,0 +1,51 @@
+"""Positions of vertices, predicted across the edges of the mesh: the fourth corner of a parallelogram."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Array, Indices
+from ...mesh.edges import connected_parts
+from .growth import Coder, mean_of, rounds
+
+ANYWHERE = 1e9
+"""Steps by which a position may be off that nothing predicts."""
+
+
+def code_positions(triangles: Indices, steps: Array, code: Coder) -> Array:
+    """Find the positions, (V, 3), of the vertices of triangles (T, 3): what `code` makes of their predictions.
+
+    Each vertex has its step, (V,).
+
+    In each edge-connected part the corners of the first triangle are predicted to be at the origin, and so are vertices
+    without triangles.  All others are the mean of a + b - c over the triangles (a, b, c) across an edge (a, b) that the
+    vertex shares a triangle with.
+    """
+    links, first = _across_edges(triangles)
+    known = np.ones(len(steps), dtype=bool)
+    known[triangles] = False
+    known[triangles[first]] = True
+    seeds = np.flatnonzero(known)
+    positions, steps = np.zeros((len(steps), 3)), steps[:, None]
+    positions[seeds] = code(seeds, positions[seeds], steps[seeds], ANYWHERE * steps[seeds] + positions[seeds])
+    for places, used, owner in rounds(links[:, 0], links[:, 1:], known):
+        a, b, c = (links[used, k] for k in (1, 2, 3))
+        suggested = positions[a] + positions[b] - positions[c]
+        off = (code.sizes[a] + code.sizes[b] + code.sizes[c]) / 3.0
+        mean = mean_of(np.concatenate([suggested, off], axis=1), owner, len(places))
+        positions[places] = code(places, mean[:, :3], steps[places], mean[:, 3:])
+    return positions
+
+
+def _across_edges(triangles: Indices) -> tuple[Indices, Indices]:
+    """Return links (target, a, b, c), and the first triangle of each part that edges connect."""
+    start, end = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((high, low))
+    same = np.flatnonzero((np.diff(low[order]) == 0) & (np.diff(high[order]) == 0))
+    one, two = order[same], order[same + 1]
+    far = triangles.ravel()
+    links = np.stack([far[one], start[one], end[one], far[two]], axis=1)
+    back = links[:, [3, 1, 2, 0]]
+    _, part = connected_parts(one // 3, two // 3, len(triangles))
+    return np.concatenate([links, back]), np.unique(part, return_index=True)[1]

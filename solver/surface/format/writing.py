@@ -1,0 +1,372 @@
+"""Writing: a representation as head and blocks, exact or compact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...arrays import Array, Booleans, Indices
+from ...fitting.dictionary import Dictionary
+from .blocks import BlockWriter
+from .connectivity import write_faces, write_triangles
+from .content import Sizes
+from .cover import Cover, Incidence, ring_members, weights_of
+from .domains import Shapes, code_domains
+from .entropy import NumberWriter
+from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps
+from .growth import Writing
+from .positions import code_positions
+from .recognition import levels_of, nodes_of, rings_of
+
+
+class Fields(Protocol):
+    """The fields of a representation; see `Representation`."""
+
+    vertices: Array
+    triangles: Indices
+    polygon: Indices
+    face_offsets: Indices
+    face_corners: Indices
+    vertex_offsets: Indices
+    patch_vertices: Indices
+    triangle_offsets: Indices
+    patch_triangles: Indices
+    mesh_triangles: Indices
+    domains: Array
+    initial_domains: Array
+    weights: Array
+    blending: str
+    origins: Array
+    scales: Array
+    basis: str
+    degree: int
+    support: Indices
+    coefficients: Array
+    energy: Array
+    corners: Indices
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How exactly values are kept; all lengths in longest sides of the box around the vertices.
+
+    Attributes
+    ----------
+    domains, share
+        Step of the domains, where they have the scale of the surface; wider where a patch has little weight, but as if
+        it had this at least.
+    functions
+        Step of coefficients and origins; 0: to the last bit.
+    vertices, shown
+        Step of vertices that patches cover, and of those where the input shows; 0: to the last bit.
+    error
+        Largest permitted move of the surface.
+    """
+
+    domains: float
+    share: float
+    functions: float
+    vertices: float
+    shown: float
+    error: float
+
+
+EXACT = Quality(domains=2e-7, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
+COMPACT = Quality(domains=8e-6, share=1 / 32, functions=2e-6, vertices=5e-5, shown=1e-5, error=9e-6)
+INSIDE = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
+"""Places in a triangle where the move is measured, besides its corners."""
+
+ATTEMPTS, MOST_FINER = 12, 0.05
+"""Roundings that are tried, and the share of vertices that may get finer steps."""
+
+QUALITIES = {"exact": EXACT, "compact": COMPACT}
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """Patches in the order of a file: mesh triangles and nodes ascend in each patch.
+
+    `cover`; `rows` (M,) and `triangle_rows` (S,): where the representation has each patch vertex and triangle.
+    """
+
+    nodes: Indices
+    node_vertex: Indices
+    cover: Cover
+    incidence: Incidence
+    rows: Indices
+    triangle_rows: Indices
+
+    @classmethod
+    def of(cls, surface: Fields) -> Canonical:
+        count = len(surface.vertices)
+        corners, entries = surface.corners, len(surface.patch_vertices)
+        nodes = nodes_of(surface.triangles, count, surface.mesh_triangles, corners, entries)
+        node_vertex = np.arange(max(int(nodes.max(initial=-1)) + 1, count))
+        node_vertex[nodes.ravel()] = surface.triangles.ravel()
+        patch = np.repeat(np.arange(len(surface.triangle_offsets) - 1), np.diff(surface.triangle_offsets))
+        order = np.lexsort((surface.mesh_triangles, patch))
+        offsets = surface.triangle_offsets
+        cover = Cover.of(nodes, len(node_vertex), offsets, surface.mesh_triangles[order])
+        rows = np.zeros(len(cover.nodes), dtype=np.int64)
+        rows[cover.corners.ravel()] = corners[order].ravel()
+        return cls(nodes, node_vertex, cover, Incidence.of(nodes, len(node_vertex)), rows, order)
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a file holds: `sizes`, `blocks`, and how far the surface moved by rounding, in longest sides: `error`."""
+
+    sizes: Sizes
+    blocks: BlockWriter
+    error: float
+
+
+def write(surface: Any, quality: Quality) -> Written:
+    """Write a representation with the given quality."""
+    blocks, own = BlockWriter(), Canonical.of(surface)
+    cover = own.cover
+    side = float(np.ptp(surface.vertices, axis=0).max()) or 1.0
+    _write_mesh(blocks, surface, own)
+    centres = _write_cover(blocks, surface, own)
+    weights = surface.weights[own.rows]
+    _write_weights(blocks, surface, own, weights)
+    positions = _write_positions(blocks, surface, quality, side)
+    functions = _write_functions(blocks, surface, cover, positions[own.node_vertex[cover.nodes]], quality, side)
+    moved = DomainWriting(surface, own, positions, centres, functions, side).write(blocks, quality)
+    blocks_of_energy(blocks, surface.energy, bool(quality.functions))
+    if not surface.initial:
+        blocks.real("initial_domains", surface.initial_domains[:, own.rows].astype(np.float32))
+    sizes = Sizes(
+        vertices=len(surface.vertices),
+        faces=len(surface.face_offsets) - 1,
+        face_corners=len(surface.face_corners),
+        triangles=len(surface.triangles),
+        nodes=len(own.node_vertex),
+        patches=len(centres),
+        patch_vertices=len(cover.nodes),
+        patch_triangles=len(cover.mesh_triangles),
+        domains=len(surface.domains),
+        functions=surface.support.shape[2],
+        iterations=surface.energy.shape[1],
+    )
+    return Written(sizes, blocks, moved)
+
+
+def _write_mesh(blocks: BlockWriter, surface: Fields, own: Canonical) -> None:
+    triangles = surface.triangles
+    plain = (
+        len(surface.face_corners) == triangles.size
+        and (np.diff(surface.face_offsets) == 3).all()
+        and np.array_equal(surface.face_corners, triangles.ravel())
+        and np.array_equal(surface.polygon, np.arange(len(triangles)))
+    )
+    if plain:
+        write_triangles(blocks, triangles)
+    else:
+        write_faces(blocks, surface.face_offsets, surface.face_corners, triangles, surface.polygon)
+    cut = np.flatnonzero(own.nodes.ravel() != triangles.ravel())
+    _write_set(blocks, "cut_corners", cut)
+    blocks.whole("cut_nodes", own.nodes.ravel()[cut] - len(surface.vertices))
+
+
+def _write_set(blocks: BlockWriter, name: str, ascending: Indices) -> None:
+    blocks.whole(name, np.diff(ascending, prepend=0))
+
+
+def _write_cover(blocks: BlockWriter, surface: Fields, own: Canonical) -> Indices:
+    cover, incidence = own.cover, own.incidence
+    centres, rings = rings_of(cover, incidence)
+    blocks.whole("centres", np.diff(centres, prepend=0))
+    blocks.whole("rings", rings)
+    members = ring_members(incidence, centres, rings, len(cover.mesh_triangles))
+    count = np.int64(len(surface.triangles))
+    keys = np.repeat(np.arange(len(centres)), np.diff(members.indptr)) * count + members.indices
+    patch = np.repeat(np.arange(len(centres)), np.diff(cover.triangle_offsets))
+    more = ~np.isin(patch * count + cover.mesh_triangles, keys)
+    blocks.whole("more_sizes", np.bincount(patch[more], minlength=len(centres)))
+    _write_set(blocks, "more_triangles", cover.mesh_triangles[more])
+    # which triangles a patch has the other way round than the mesh
+    order = own.triangle_rows
+    first = np.repeat(surface.vertex_offsets[:-1], np.diff(surface.triangle_offsets))
+    given = (surface.patch_triangles + first[:, None])[order]
+    mesh_order = surface.corners[order]
+    at = (given == mesh_order[:, :1]).argmax(axis=1)
+    following = np.take_along_axis(given, ((at + 1) % 3)[:, None], axis=1)[:, 0]
+    turned = following != mesh_order[:, 1]
+    in_mesh = np.zeros(len(surface.triangles), dtype=bool)
+    in_mesh[cover.mesh_triangles[turned]] = True
+    _write_set(blocks, "turned", np.flatnonzero(in_mesh))
+    _write_set(blocks, "turned_back", np.flatnonzero(turned != in_mesh[cover.mesh_triangles]))
+    return centres
+
+
+def _write_weights(blocks: BlockWriter, surface: Fields, own: Canonical, weights: Array) -> None:
+    cover = own.cover
+    vertices = own.node_vertex[cover.nodes]
+    depth = cover.rim_distances(own.incidence)
+    total = np.bincount(vertices, weights=weights, minlength=len(surface.vertices))
+    deepest = np.zeros(len(surface.vertices), dtype=np.int64)
+    np.maximum.at(deepest, vertices, depth)
+    passed = (total == 0.0) & (deepest > 0)
+    levels = levels_of(cover, vertices, depth, weights) if surface.blending == "partition" else None
+    levels = np.zeros(len(cover.vertex_offsets) - 1, dtype=np.int64) if levels is None else levels
+    found = weights_of(cover, vertices, depth, levels, passed, surface.blending)
+    if not np.allclose(found, weights, rtol=1e-9, atol=1e-12):
+        blocks.real("weights", weights)
+        return
+    _write_set(blocks, "passed_through", np.flatnonzero(passed))
+    blocks.whole("levels", levels)
+
+
+def _write_positions(blocks: BlockWriter, surface: Fields, quality: Quality, side: float) -> Array:
+    if not quality.vertices:
+        blocks.real("exact_vertices", surface.vertices.T)
+        return surface.vertices
+    low = surface.vertices.min(axis=0)
+    total: Array = np.bincount(surface.patch_vertices, surface.weights, len(surface.vertices)).astype(np.float64)
+    steps = position_steps(surface.triangles, total, quality.vertices * side, quality.shown * side)
+    writing = Writing(surface.vertices - low)
+    positions = code_positions(surface.triangles, steps, writing) + low
+    blocks.real("lowest", low)
+    blocks.real("vertex_steps", np.array([quality.vertices, quality.shown]) * side)
+    writing.numbers.finish(blocks, "vertices")
+    return positions
+
+
+def _write_functions(
+    blocks: BlockWriter, surface: Any, cover: Cover, positions: Array, quality: Quality, side: float
+) -> dict[str, Any]:
+    """Add frames and functions; return them as they will be read.
+
+    Steps are halved until rounding alone moves the surface by a third of what is permitted at most.
+    """
+    step, before = quality.functions * side, surface.at_vertices()
+    for _ in range(ATTEMPTS if step else 0):
+        draft = BlockWriter()
+        found = _rounded_functions(draft, surface, mean_positions(cover, positions), step)
+        if np.abs(replace(surface, **found).at_vertices() - before).max() <= quality.error * side / 3.0:
+            blocks.take(draft)
+            return found
+        step /= 2.0
+    names = ("origins", "scales", "support", "coefficients")
+    for name in names:
+        add = blocks.whole if name == "support" else blocks.real
+        add(f"exact_{name}", getattr(surface, name))
+    return {name: getattr(surface, name) for name in names}
+
+
+def _rounded_functions(blocks: BlockWriter, surface: Fields, mean: Array, step: float) -> dict[str, Any]:
+    number = np.rint((surface.origins - mean) / step).astype(np.int64)
+    scales = surface.scales.astype(np.float32).astype(np.float64)
+    width = surface.support.shape[2]
+    order = np.argsort(np.where(surface.support < 0, np.iinfo(np.int64).max, surface.support), axis=2, kind="stable")
+    support = np.take_along_axis(surface.support, order, axis=2)
+    given = np.where(support < 0, 0.0, np.take_along_axis(surface.coefficients, order, axis=2))
+    steps = coefficient_steps(scales, step, support)
+    coefficients = np.rint(given / steps).astype(np.int64)
+    blocks.real("function_step", np.array([step]))
+    blocks.whole("origins", number.T)
+    blocks.real("scales", scales)
+    blocks.whole("used", (support >= 0).sum(axis=2))
+    filled = np.where(support < 0, np.maximum.accumulate(support, axis=2), support)
+    blocks.whole("support", np.diff(filled, axis=2, prepend=-1).transpose(2, 1, 0) if width else filled)
+    writer = NumberWriter()
+    writer.add(coefficients[support >= 0], degrees_of(support[support >= 0]))
+    writer.finish(blocks, "coefficients")
+    return {
+        "origins": mean + number * step,
+        "scales": scales,
+        "support": support,
+        "coefficients": coefficients * steps,
+    }
+
+
+@dataclass
+class DomainWriting:
+    """The domains of a representation, rounded in such a way that its surface hardly moves."""
+
+    surface: Any
+    own: Canonical
+    positions: Array
+    centres: Indices
+    functions: dict[str, Any]
+    side: float
+
+    def write(self, blocks: BlockWriter, quality: Quality) -> float:
+        """Add the domains; return how far the surface will have moved.
+
+        Vertices that would move too far get finer steps; where these are many, all do.
+        """
+        step, finer = quality.domains * self.side, np.zeros(len(self.surface.vertices), dtype=bool)
+        places = self._places()
+        before = self._points(self.surface, places)
+        for _ in range(ATTEMPTS):
+            domains, writers = self._rounded((step, quality.share), finer)
+            moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
+            far = self._vertices_at(moved > quality.error)
+            if not far.any():
+                break
+            if np.count_nonzero(far & ~finer) > MOST_FINER * len(finer) or (far & finer).any():
+                step, finer = 0.8 * step, np.zeros_like(finer)
+            else:
+                finer |= far
+        else:
+            domains = self.surface.domains[:, self.own.rows]
+            blocks.real("exact_domains", domains)
+            moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
+            return float(moved.max(initial=0.0))
+        blocks.real("domain_step", np.array([step, quality.share]))
+        _write_set(blocks, "finer", np.flatnonzero(finer))
+        for channel, writer in enumerate(writers):
+            writer.finish(blocks, f"domains_{channel}")
+        return float(moved.max(initial=0.0))
+
+    def _rounded(self, step: tuple[float, float], finer: Booleans) -> tuple[Array, list[NumberWriter]]:
+        cover, vertices = self.own.cover, self.own.node_vertex[self.own.cover.nodes]
+        given, at = self.surface.domains[:, self.own.rows], self.positions[vertices]
+        weights, shapes = self.surface.weights[self.own.rows], Shapes.of(self.positions, self.surface.triangles)
+        domains, writers = np.empty_like(given), []
+        dictionary = Dictionary(self.surface.degree, self.surface.basis)
+        for channel, part, target in domain_inputs(cover, self.functions, at, dictionary):
+            steps = domain_steps(cover, weights, self.functions["scales"][:, channel], step, finer[vertices])
+            writing = Writing(given[channel])
+            domains[channel] = code_domains(cover, self.centres, shapes, target, part, steps, writing)
+            writers.append(writing.numbers)
+        return domains, writers
+
+    def _surface_with(self, domains: Array) -> Any:
+        back = np.empty_like(self.own.rows)
+        back[self.own.rows] = np.arange(len(back))
+        return replace(self.surface, **self.functions, domains=domains[:, back])
+
+    def _places(self) -> tuple[Indices, Array]:
+        """Places where the move is measured, besides the vertices: some in every triangle."""
+        triangles = len(self.surface.triangles)
+        return np.repeat(np.arange(triangles), len(INSIDE)), np.tile(INSIDE, (triangles, 1))
+
+    def _points(self, surface: Any, places: tuple[Indices, Array]) -> Array:
+        return np.concatenate([surface.at_vertices(), surface.evaluate(*places)])
+
+    def _vertices_at(self, far: Booleans) -> Booleans:
+        """Tell which vertices, (V,), have moved too far or are corners of triangles that have in some place."""
+        triangles = self.surface.triangles
+        at_vertex, inside = far[: -len(INSIDE) * len(triangles)].copy(), far[-len(INSIDE) * len(triangles) :]
+        at_vertex[triangles[inside.reshape(len(triangles), -1).any(axis=1)]] = True
+        return at_vertex
+
+
+def blocks_of_energy(blocks: BlockWriter, energy: Array, rounded: bool) -> None:
+    """Add the energies, (K, I): to 1 % of themselves if `rounded`, else in single precision."""
+    finite = np.isfinite(energy)
+    counts = finite.sum(axis=1)
+    leading = (finite == (np.arange(energy.shape[1]) < counts[:, None])).all()
+    if not (rounded and leading and (energy[finite] > 0.0).all()):
+        blocks.real("exact_energy", energy.astype(np.float32))
+        return
+    steps = np.zeros(energy.shape)
+    steps[finite] = np.rint(np.log(energy[finite]) * 100.0)
+    change = np.where(finite, np.diff(steps, axis=1, prepend=0.0), 0.0)
+    blocks.whole("energy_counts", counts)
+    blocks.whole("energy", change.T)

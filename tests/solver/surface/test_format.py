@@ -1,0 +1,94 @@
+"""Format 2: how small files are, how far their surfaces move, and what is found again rather than stored."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sparse_surface.benchmarks.generated_models import creased_terrain, cylinder, flower, moebius, quads_of, tetrahedron
+from sparse_surface.solver import InputError, Representation, Settings, approximate
+
+QUICK = {"ring": 4, "degree": 8, "sparsity": 8, "iterations": 3, "sweeps": 1}
+BOW_TIE = ([[0, 0, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0.2]], [[0, 1, 2], [0, 3, 4]])
+
+
+@cache
+def whole_flower() -> Representation:
+    return approximate(*flower()).representation
+
+
+def places(surface: Representation, count: int = 20_000) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    rng = np.random.default_rng(11)
+    return rng.integers(0, len(surface.triangles), count), rng.dirichlet([1.0, 1.0, 1.0], count)
+
+
+def moved(one: Representation, other: Representation) -> float:
+    """Largest distance between two surfaces at the same places, in longest sides."""
+    at = places(one)
+    distance = np.linalg.norm(one.evaluate(*at) - other.evaluate(*at), axis=1)
+    return float(distance.max() / np.ptp(one.vertices, axis=0).max())
+
+
+def test_files_are_small_and_their_surfaces_stay() -> None:
+    surface = whole_flower()
+    exact, compact = (Representation.from_bytes(data) for data in (surface.stored, surface.compact))
+    assert len(surface.stored) <= 783_830 / 3  # a third of format 1
+    assert len(surface.compact) <= 66_000
+    assert moved(surface, exact) <= 5e-7
+    assert moved(surface, compact) <= 1e-5
+    side = np.ptp(surface.vertices, axis=0).max()
+    np.testing.assert_array_equal(exact.vertices, surface.vertices)
+    np.testing.assert_array_equal(compact.triangles, surface.triangles)
+    assert np.abs(compact.vertices - surface.vertices).max() <= 2.6e-5 * side
+
+
+MODELS = {
+    "open": (lambda: creased_terrain(20), {}),
+    "quads": (lambda: (creased_terrain(16)[0], quads_of(creased_terrain(16)[1])), {}),
+    "closed": (cylinder, {}),
+    "one-sided": (lambda: moebius(40, 6), {}),
+    "cut": (lambda: BOW_TIE, {}),
+    "tiny": (tetrahedron, {}),
+    "finer patches": (lambda: creased_terrain(24), {"tolerance": 0.01, "sweeps": 0}),
+    "uniform": (lambda: creased_terrain(20), {"blending": "uniform", "basis": "monomial"}),
+    "separate": (lambda: creased_terrain(20), {"domains": "separate"}),
+}
+
+
+@cache
+def model(name: str) -> Representation:
+    make, settings = MODELS[name]
+    return approximate(*make(), Settings(**{**QUICK, **settings})).representation
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_all_kinds_of_meshes_keep_their_surfaces(name: str) -> None:
+    surface = model(name)
+    for data, limit in ((surface.stored, 5e-7), (surface.compact, 1e-5)):
+        loaded = Representation.from_bytes(data)
+        assert moved(surface, loaded) <= limit
+        np.testing.assert_array_equal(loaded.face_corners, surface.face_corners)
+        np.testing.assert_array_equal(loaded.polygon, surface.polygon)
+        assert Representation.from_bytes(loaded.stored).stored == Representation.from_bytes(loaded.stored).stored
+
+
+@pytest.mark.parametrize("name", ["open", "finer patches", "uniform"])
+def test_weights_are_found_again(name: str) -> None:
+    surface = model(name)
+    loaded = Representation.from_bytes(surface.compact)
+    np.testing.assert_array_equal(loaded.patch_vertices, surface.patch_vertices)
+    np.testing.assert_allclose(loaded.weights, surface.weights, rtol=1e-12, atol=0.0)
+
+
+def test_initial_domains_are_found_again() -> None:
+    surface = model("open")
+    loaded = Representation.from_bytes(surface.stored)
+    assert "initial_domains" not in vars(loaded)
+    np.testing.assert_allclose(loaded.initial_domains, surface.initial_domains, atol=1e-6)
+
+
+def test_other_qualities_are_refused() -> None:
+    with pytest.raises(InputError, match="exact or compact, not as 'best'"):
+        model("open").save("nowhere.npz", quality="best")
