@@ -22,7 +22,7 @@ from ..progress import Progress, Steps
 from .surfaces import Surface
 from .targets import PointTarget, Target
 
-COARSE_PLACES, FINE_PLACES, LAST_PLACES = 400, 3000, 10_000
+COARSE_PLACES, FINE_PLACES, LAST_PLACES = 400, 3000, 40_000
 COARSE_STEPS, FINE_STEPS, LAST_STEPS = 15, 25, 6
 STAND_IN_PLACES = 20_000
 """Places on B with the normals there, whose nearest ones are found fast; only the last steps take B itself."""
