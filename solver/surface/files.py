@@ -84,7 +84,7 @@ def to_bytes(surface: Any, quality: str) -> bytes:
         One of `QUALITIES`.
     """
     if quality not in QUALITIES:
-        raise InputError(f"A representation is saved as {' or '.join(QUALITIES)}, not as {quality!r}.")
+        raise InputError(f"A representation is saved as {', '.join(QUALITIES)}, but not as {quality!r}.")
     written = write(surface, QUALITIES[quality])
     head = {
         "blending": surface.blending,

@@ -44,8 +44,9 @@ class Saved:
             The file.
         quality
             "exact": everything to the last bit but the domains, with the surface the same to 5e-7 of the longest side
-            of the box around the vertices.  "compact": a third to a tenth of that; the surface moves by up to 1e-5 of
-            the side, the input's vertices by up to 3e-5.
+            of the box around the vertices.  "plain": the same, with the domains as plain numbers for other programs;
+            half as large again.  "compact": a third to a tenth of that; the surface moves by up to 1e-5 of the side,
+            the input's vertices by up to 3e-5.
 
         Raises
         ------

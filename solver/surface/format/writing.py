@@ -55,8 +55,8 @@ class Quality:
     Attributes
     ----------
     domains, share
-        Step of the domains, where they have the scale of the surface; wider where a patch has little weight, but as if
-        it had this at least.
+        Step of the domains, where they have the scale of the surface, or 0: as they are; wider where a patch has little
+        weight, but as if it had the share at least.
     functions
         Step of coefficients and origins; 0: to the last bit.
     vertices, shown
@@ -81,7 +81,8 @@ INSIDE = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
 ATTEMPTS, MOST_FINER = 12, 0.05
 """Roundings that are tried, and the share of vertices that may get finer steps."""
 
-QUALITIES = {"exact": EXACT, "compact": COMPACT}
+PLAIN = Quality(domains=0.0, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
+QUALITIES = {"exact": EXACT, "compact": COMPACT, "plain": PLAIN}
 
 
 @dataclass(frozen=True)
@@ -299,6 +300,8 @@ class DomainWriting:
 
         Vertices that would move too far get finer steps; where these are many, all do.
         """
+        if not quality.domains:
+            return self._plain(blocks, quality.error)
         step, finer = quality.domains * self.side, np.zeros(len(self.surface.vertices), dtype=bool)
         places = self._places()
         before = self._points(self.surface, places)
@@ -313,14 +316,22 @@ class DomainWriting:
             else:
                 finer |= far
         else:
-            domains = self.surface.domains[:, self.own.rows]
-            blocks.real("exact_domains", domains)
-            moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
-            return float(moved.max(initial=0.0))
+            return self._plain(blocks, quality.error)
         blocks.real("domain_step", np.array([step, quality.share]))
         _write_set(blocks, "finer", np.flatnonzero(finer))
         for channel, writer in enumerate(writers):
             writer.finish(blocks, f"domains_{channel}")
+        return float(moved.max(initial=0.0))
+
+    def _plain(self, blocks: BlockWriter, error: float) -> float:
+        """Add the domains as they are, in single precision where that moves the surface little enough."""
+        given, places = self.surface.domains[:, self.own.rows], self._places()
+        before = self._points(self.surface, places)
+        for domains in (given.astype(np.float32).astype(np.float64), given):
+            moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
+            if moved.max(initial=0.0) <= error:
+                break
+        blocks.real("exact_domains", domains)
         return float(moved.max(initial=0.0))
 
     def _rounded(self, step: tuple[float, float], finer: Booleans) -> tuple[Array, list[NumberWriter]]:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import subprocess
+import sys
 from functools import cache
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -90,5 +95,51 @@ def test_initial_domains_are_found_again() -> None:
 
 
 def test_other_qualities_are_refused() -> None:
-    with pytest.raises(InputError, match="exact or compact, not as 'best'"):
+    with pytest.raises(InputError, match="exact, compact, plain, but not as 'best'"):
         model("open").save("nowhere.npz", quality="best")
+
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "read_representation.py"
+
+
+@cache
+def reader() -> ModuleType:
+    """The example that reads files with NumPy alone."""
+    spec = importlib.util.spec_from_file_location("read_representation", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_another_reader_finds_the_same_surface(name: str, tmp_path: Path) -> None:
+    """It shares no line with ours, and is written after docs/format.md."""
+    surface, path = model(name), tmp_path / "plain.npz"
+    surface.save(path, quality="plain")
+    loaded, read = Representation.load(path), reader().read(path)
+    at = places(surface, 400)
+    points = reader().evaluate(read, *at)
+    np.testing.assert_allclose(points, loaded.evaluate(*at), rtol=0.0, atol=1e-12)
+    assert np.abs(points - surface.evaluate(*at)).max() <= 5e-7 * np.ptp(surface.vertices, axis=0).max()
+
+
+def test_the_reader_is_short_needs_numpy_alone_and_writes_the_surface(tmp_path: Path) -> None:
+    text = EXAMPLE.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 150
+    path = tmp_path / "plain.npz"
+    model("open").save(path, quality="plain")
+    script = (
+        f"import runpy, sys; sys.argv[1:] = [{str(path)!r}]; runpy.run_path({str(EXAMPLE)!r}, run_name='__main__');"
+    )
+    script += "print(sorted({'scipy', 'sparse_surface', 'sklearn'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    lines = path.with_suffix(".obj").read_text(encoding="ascii").splitlines()
+    points = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
+    np.testing.assert_allclose(points, model("open").at_vertices(), atol=1e-6)
+    model("open").save(path)
+    done = subprocess.run([sys.executable, EXAMPLE, path], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "save it with quality='plain'" in done.stderr
