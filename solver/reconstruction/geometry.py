@@ -31,6 +31,13 @@ NOISE_QUANTILE, NOISE_AT_QUANTILE = 0.25, 0.8717
 """Up to three quarters of the neighbourhoods may extend over creases.  The second is the root of that quantile of chi
 squared / n for n = 18."""
 
+NORMAL_QUANTILE = 0.6744897501960817
+"""The same quantile of the normal distribution, its sign turned."""
+
+WIDE_NOISE, MOST_NEIGHBOURS, FEWEST_SAMPLES = 0.2, 400, 1000
+"""Noise above this share of the neighbourhood's radius asks for twice the neighbours, up to that many; fewer
+neighbourhoods are then enough, but not fewer than the last."""
+
 SHARPEST = np.cos(np.radians(35.0))
 """Normals that differ by more than this angle belong to two sides of a crease."""
 
@@ -108,13 +115,28 @@ def noise_level(points: Array, tree: cKDTree) -> float:
     """Standard deviation of points from quadrics fitted to their neighbours: a low quantile over the cloud.
 
     A surface that bends more within a neighbourhood than a quadric counts as noise: the points do not resolve it.
+    Noise as wide as the neighbourhood fills it evenly and is underestimated, so the neighbourhood grows with the noise.
     """
     count = min(NOISE_NEIGHBOURS, len(points))
     if count < 10:
         return 0.0
     asked = np.unique(np.linspace(0, len(points) - 1, min(NOISE_SAMPLES, len(points))).astype(np.int64))
-    deviation = deviation_from_quadric(points[tree.query(points[asked], k=count)[1]])
-    return float(np.quantile(deviation, NOISE_QUANTILE)) / NOISE_AT_QUANTILE
+    while True:
+        distance, near = tree.query(points[asked], k=count)
+        deviation = deviation_from_quadric(points[near])
+        freedom = count - 6
+        share = NOISE_AT_QUANTILE if freedom == 18 else _chi_quantile(freedom)
+        noise = float(np.quantile(deviation, NOISE_QUANTILE)) / share
+        if noise < WIDE_NOISE * np.median(distance[:, -1]) or 2 * count > min(MOST_NEIGHBOURS, len(points)):
+            return noise
+        count *= 2
+        asked = asked[:: 2 if len(asked) > FEWEST_SAMPLES else 1]
+
+
+def _chi_quantile(freedom: int) -> float:
+    """Root of the quantile of chi squared / n (Wilson, Hilferty 1931)."""
+    spread = 2.0 / (9.0 * freedom)
+    return float((1.0 - spread - NORMAL_QUANTILE * np.sqrt(spread)) ** 1.5)
 
 
 def deviation_from_quadric(near: Array) -> Array:

@@ -8,6 +8,7 @@ points end.  Either is decimated to the wanted number of vertices and drawn to t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,19 +23,24 @@ from .cleaning import clean
 from .geometry import analyse
 from .level_set import Grid, level_set
 from .reconstruct import refuse_flat
-from .shell import has_cavity, is_open, outer_parts, sheet, unpinched, without_slivers
+from .shell import has_cavity, is_open, outer_parts, parts, sheet, unpinched, without_slivers
 
-REACHES = (2.0, 2.5, 3.0, 4.0, 6.0)
-"""Radii of the balls that are tried until the shell closes, in spacings of the cloud."""
+REACHES = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Radii of the balls that are tried, in spacings of the cloud.  The smallest counts whose shell has the topology of the
+next larger one: in noise small balls leave handles."""
 
 OPEN_REACHES = (2.0, 2.5, 3.0)
 """Those for a cloud that seems to have a border: larger balls close a bin without a lid."""
 
-FULL_REACH = 3.0
-"""Radius around a closed cloud of few points, whose inside the balls fill."""
-
 LARGEST_RADIUS = 0.5
 """Largest radius of a ball, in longest sides of the cloud."""
+
+NOISIEST = 0.5
+"""With noise above this share of the spacing the shell is laid around dense places, not around points."""
+
+DENSITY_SHARE, DENSITY_NEIGHBOURS, KERNEL_REACH = 0.8, 128, 1.5
+"""Share of the points' median density at which that shell lies, the nearest points that count, and how far from a point
+the density is sought, in radii."""
 
 STEPS_A_RADIUS = 1.5
 """Steps of the grid to a ball's radius."""
@@ -101,14 +107,40 @@ def _fine(points: Array) -> tuple[bool, Array, Indices]:
     """Whether a cloud is closed, and a fine mesh along it: vertices and triangles."""
     geometry = analyse(points)
     tree, border = cKDTree(points), is_open(points)
-    for reach in OPEN_REACHES if border else REACHES:
-        radius = min(reach * geometry.spacing, LARGEST_RADIUS)
-        shell = _around_balls(points, tree, radius)
-        if has_cavity(*shell, radius):
-            return True, *outer_parts(*shell)
-    if border:
+    noisy = geometry.noise > NOISIEST * geometry.spacing
+    shells = [_Shell.around(points, tree, radius, noisy) for radius in _radii(geometry.spacing, border)]
+    lasting = [shell for shell, larger in pairwise(shells) if shell.topology == larger.topology]
+    closed = [shell for shell in lasting if shell.closed] or [shell for shell in shells if shell.closed]
+    if border and not closed:
         return False, *sheet(points, geometry.spacing, geometry.noise)
-    return True, *outer_parts(*_around_balls(points, tree, min(FULL_REACH * geometry.spacing, LARGEST_RADIUS)))
+    chosen = (closed or lasting or shells[-1:])[0]
+    return True, chosen.vertices, chosen.triangles
+
+
+def _radii(spacing: float, border: bool) -> list[float]:
+    """Radii of the balls that are tried, none twice."""
+    reaches = OPEN_REACHES if border else REACHES
+    return sorted({min(reach * spacing, LARGEST_RADIUS) for reach in reaches})
+
+
+@dataclass(frozen=True)
+class _Shell:
+    """The outer side of a shell around balls: vertices (V, 3), triangles (T, 3), and whether it has a cavity."""
+
+    vertices: Array
+    triangles: Indices
+    closed: bool
+
+    @classmethod
+    def around(cls, points: Array, tree: cKDTree, radius: float, noisy: bool) -> _Shell:
+        shell = (_around_density if noisy else _around_balls)(points, tree, radius)
+        return cls(*outer_parts(*shell), has_cavity(*shell, radius))
+
+    @property
+    def topology(self) -> tuple[int, int]:
+        """Connected parts and Euler's characteristic.  What lasts when the balls grow is the cloud's own topology."""
+        count = len(self.vertices)
+        return int(parts(self.triangles, count).max(initial=-1)) + 1, count - len(self.triangles) // 2
 
 
 def _around_balls(points: Array, tree: cKDTree, radius: float) -> tuple[Array, Indices]:
@@ -116,3 +148,17 @@ def _around_balls(points: Array, tree: cKDTree, radius: float) -> tuple[Array, I
     grid = Grid.around(points, radius, radius / STEPS_A_RADIUS)
     away = tree.query(grid.positions, distance_upper_bound=radius + 2.0 * grid.step)[0]
     return level_set(grid, away - radius)
+
+
+def _around_density(points: Array, tree: cKDTree, radius: float) -> tuple[Array, Indices]:
+    """Mesh around where points (P, 3) are dense, by Gaussian kernels of this radius, wound outwards.
+
+    In noise as wide as the points are apart it is closer to the surface than balls at the outermost points.
+    """
+
+    def density(places: Array) -> Array:
+        away = tree.query(places, k=min(DENSITY_NEIGHBOURS, len(points)))[0]
+        return np.asarray(np.exp(-((away / radius) ** 2)).sum(axis=1))
+
+    grid = Grid.around(points, KERNEL_REACH * radius, radius / STEPS_A_RADIUS)
+    return level_set(grid, DENSITY_SHARE * float(np.median(density(points))) - density(grid.positions))

@@ -103,3 +103,9 @@ def test_points_at_one_place_many_times_are_no_obstacle() -> None:
 def test_thinning_keeps_one_point_of_each_cell() -> None:
     points = np.array([[0.1, 0.1, 0.1], [0.2, 0.2, 0.2], [0.4, 0.3, 0.3], [1.5, 0.1, 0.1]])
     np.testing.assert_array_equal(thinned(points, 1.0), points[[1, 3]])
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.02, 0.04])
+@pytest.mark.parametrize("make", [ball, box])
+def test_noise_wider_than_the_spacing_is_not_underestimated(make, noise: float) -> None:
+    assert analyse(make(9000, noise=noise).points).noise == pytest.approx(noise, rel=0.15)

@@ -122,3 +122,11 @@ def test_a_run_without_a_base_makes_this_one() -> None:
 def test_points_in_a_plane_are_refused() -> None:
     with pytest.raises(InputError, match="All the points lie in one plane: choose a base mesh"):
         make_base(np.random.default_rng(0).uniform(size=(100, 3)) * [1.0, 1.0, 0.0])
+
+
+def test_noise_wider_than_the_spacing_leaves_no_handles() -> None:
+    cloud = l_solid(6000, noise=0.02)
+    base = make_base(cloud.points)
+    assert base.closed
+    assert euler_and_border(base) == (2, 0)
+    assert cloud.distance(base.vertices).max() < 0.06
