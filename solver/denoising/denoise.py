@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -20,8 +20,17 @@ from .noise_level import STRONG, estimate_noise_level, mean_edge_length
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
+from .seeds import scattered
 from .surface import Surface, build_surface
-from .vertex_update import LARGEST_MOVE, fill_in, move_to_planes, update_directions
+from .triangle_repair import repair_triangles
+from .vertex_update import (
+    LARGEST_MOVE,
+    WILD_MOVE,
+    fill_in,
+    has_wild_vertices,
+    move_to_planes,
+    update_directions,
+)
 
 CLEAN = 0.03
 """Relief below this share of the mean edge length counts as the mesh's own and stays ..."""
@@ -31,13 +40,14 @@ EVEN = 0.25
 
 LARGEST_STRENGTH = 10.0
 
+_ISOTROPIC = 0.5  # of the noise along the normals: with more within the surface, vertices may be off in all directions
+
 _FINE = PatchRule((14, 28, 56, 112, 224, 448), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
 _COARSE = PatchRule((250,), normal_width=0.3, largest_change=4.0, caution=0.85, misfit_power=4.0)
 _LARGE = PatchRule((60, 120, 250, 500), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
 
 _COVERAGE = 6  # patches over each triangle that are enough
 _BATCHES = 8
-_GOLDEN = 0.6180339887498949
 _STEPS_DOWN = 3
 
 
@@ -142,10 +152,12 @@ def _denoised(given: NDArray[Any], mesh: TriangleMesh, noise_level: float | None
     edge = mean_edge_length(mesh)
     asked = strength * (estimate.level if noise_level is None else noise_level)
     least = 0.0 if noise_level is not None else CLEAN if estimate.unevenness > EVEN else CLEAN / 3
-    if asked == 0 or edge == 0 or asked < least * edge:
+    kept = noise_level is None and estimate.is_pattern
+    if asked == 0 or edge == 0 or kept or asked < least * edge:
         unmoved = given.copy() if np.issubdtype(given.dtype, np.floating) else mesh.vertices.copy()
         return Denoised(unmoved, 0.0, estimate.level, 0.0, np.zeros(len(given)))
-    moved, level = yield from within(_without_noise(mesh, surface, asked, max(asked, estimate.level)), 0.05, 1.0)
+    noise = _Noise(asked, max(asked, estimate.level), edge, estimate.along_surface > _ISOTROPIC * estimate.level)
+    moved, level = yield from within(_without_noise(mesh, surface, noise), 0.05, 1.0)
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
     return Denoised(result, level, estimate.level, level / edge, displacement)
@@ -162,47 +174,87 @@ def _lies_within(value: Any, low: float, high: float) -> bool:
     return not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= high
 
 
-def _without_noise(mesh: TriangleMesh, surface: Surface, asked: float, known: float) -> Steps[tuple[Array, float]]:
-    """Return the moved vertices, and the noise level that was finally used.
+@dataclass(frozen=True)
+class _Noise:
+    """What is known of the noise, lengths in the unit of the vertices.
 
-    Starts from the level that is `asked` for; `known` is the largest plausible noise.
+    Attributes
+    ----------
+    level
+        Standard deviation along the normals that is to be removed.
+    known
+        The largest plausible one.
+    edge
+        Mean edge length.
+    sideways
+        Whether vertices may be off within the surface, too.
     """
+
+    level: float
+    known: float
+    edge: float
+    sideways: bool
+
+    def scaled(self, factor: float) -> _Noise:
+        """Return the same noise in another unit."""
+        return replace(self, level=self.level * factor, known=self.known * factor, edge=self.edge * factor)
+
+
+def _without_noise(mesh: TriangleMesh, surface: Surface, noise: _Noise) -> Steps[tuple[Array, float]]:
+    """Return the moved vertices, and the noise level that was finally used."""
     used = mesh.vertices[mesh.triangles]
     centre, scale = used.mean(axis=(0, 1)), mesh.longest_side
     noisy = (mesh.vertices - centre) / scale
-    noise_level = asked / scale
-    relative = asked / mean_edge_length(mesh)
+    asked, noise = noise.level, noise.scaled(1 / scale)
     fraction = 0.0
     for step in range(_STEPS_DOWN + 1):
         end = fraction + 0.8 * (1.0 - fraction)
-        moved, directions = yield from within(_pass(surface, noisy, noise_level, relative), fraction, end)
+        moved, directions = yield from within(_pass(surface, noisy, noise), fraction, end)
         along = np.abs(((moved - noisy) * directions).sum(axis=1))[mesh.used[: len(noisy)]]
         # Removing noise moves half of the vertices by less than 0.67 of its level; larger moves flatten the shape.
-        if step == _STEPS_DOWN or np.median(along) <= known / scale:
+        if step == _STEPS_DOWN or np.median(along) <= noise.known:
             break
-        noise_level, relative, fraction = noise_level / 2, relative / 2, end
+        noise, fraction = replace(noise, level=noise.level / 2), end
     held = (moved == noisy).all(axis=1)
     return np.where(held[:, None], mesh.vertices, moved * scale + centre), asked * 0.5**step
 
 
-def _pass(surface: Surface, noisy: Array, noise_level: float, relative: float) -> Steps[tuple[Array, Array]]:
-    """Return vertices without noise of the given level, and their normals."""
+def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, Array]]:
+    """Return vertices without the noise, and their normals."""
     yield Progress("Filtering normals", 0.0)
-    if relative < STRONG:
-        normals, rules = filter_normals(surface, noisy, noise_level), [_FINE]
+    if noise.level < STRONG * noise.edge:
+        normals, rules = filter_normals(surface, noisy, noise.level), [_FINE]
     else:
         normals, rules = smooth_normals(surface, noisy), [_COARSE, _LARGE]
     for number, rule in enumerate(rules):
-        fitting = _average_of_patches(surface, noisy, normals, noise_level, rule)
+        fitting = _average_of_patches(surface, noisy, normals, noise.level, rule)
         average = yield from within(fitting, 0.05 + 0.9 * number / len(rules), 0.05 + 0.9 * (number + 1) / len(rules))
         normals = average.normals(normals)
     yield Progress("Moving vertices", 0.95)
     _, areas = normals_and_areas(noisy, surface.triangles)
     directions = update_directions(normals, areas, surface, len(noisy))
-    planes = average.planes()
-    moved = move_to_planes(noisy, planes, directions, noise_level)
-    moved = fill_in(noisy, moved, planes[2] > 0, surface, normals, LARGEST_MOVE * noise_level)
+    moved = _moved(surface, noisy, normals, average.planes(), directions, noise)
     return moved, directions
+
+
+def _moved(
+    surface: Surface,
+    noisy: Array,
+    normals: Array,
+    planes: tuple[Array, Array, Array],
+    directions: Array,
+    noise: _Noise,
+) -> Array:
+    """Return the vertices on their planes; wild ones may move far, and triangles folded over are turned back."""
+    matrices, _, weight = planes
+    far = move_to_planes(noisy, planes, directions, noise.level, WILD_MOVE)
+    largest = WILD_MOVE if has_wild_vertices(far - noisy, noise.known) else LARGEST_MOVE
+    moved = move_to_planes(noisy, planes, directions, noise.level, largest)
+    limit = largest * noise.level
+    moved = fill_in(noisy, moved, weight > 0, surface, normals, limit)
+    if noise.sideways:
+        moved = repair_triangles(noisy, moved, matrices, weight > 0, surface, normals, limit)
+    return moved
 
 
 def _average_of_patches(
@@ -211,7 +263,7 @@ def _average_of_patches(
     """Fit patches until enough of them cover each triangle: few on flat sides, many where patches stay small."""
     fitter = PatchFitter(surface, noisy, normals, noise_level, rule)
     average = PatchAverage(len(surface.triangles), len(noisy), rule.misfit_power)
-    order = _scattered(np.flatnonzero(normals.any(axis=1)))
+    order = scattered(np.flatnonzero(normals.any(axis=1)))
     request = None
     for batch in range(_BATCHES):
         seeds = order[batch::_BATCHES]
@@ -223,8 +275,3 @@ def _average_of_patches(
             for fits in fitter.fits(seeds[start : start + fitter.chunk]):
                 average.add(fits)
     return average
-
-
-def _scattered(numbers: Indices) -> Indices:
-    """Return the numbers in an order of which every prefix is spread evenly over them."""
-    return numbers[np.argsort(np.arange(len(numbers)) * _GOLDEN % 1.0, kind="stable")]

@@ -11,6 +11,7 @@ from ..arrays import Array, Booleans
 from ..mesh.normals import normals_and_areas, unit
 from ..mesh.triangle_mesh import TriangleMesh
 from .normal_filter import filter_normals
+from .seeds import scattered
 from .surface import Surface
 
 FEWEST_VERTICES = 200
@@ -26,7 +27,12 @@ _CLIP = 2.5  # standard deviations beyond which a value counts as shape (a creas
 _CLIPPED_DEVIATION = 0.9546  # standard deviation of a unit normal variable within the clip
 _LOW_SHARE = 0.25
 _LOW_QUANTILE = 0.3186  # a quarter of a unit normal variable is smaller than this
+_MEDIAN_LENGTH = 1.1774  # of a vector of two unit normal variables
 _NEIGHBOURHOOD = 3  # rings
+_TOO_EVEN = 0.14  # of the unevenness; white noise has 0.19 or more
+_REPEATED = 0.1  # of the repetition
+_SOURCES = 400
+_BEYOND, _FARTHEST = 6, 10  # rings: two applications of the Laplacian reach two rings around each of two nodes
 
 
 @dataclass(frozen=True)
@@ -37,16 +43,29 @@ class NoiseEstimate:
     ----------
     level
         Standard deviation of the noise along the surface's normals, in scene units; 0 where it cannot be estimated.
+    along_surface
+        The same within the surface, along each of two directions.  Uneven spacing of the vertices counts as noise, so
+        this is an upper bound.
     unevenness
         Coefficient of variation of the fine relief's mean size around each vertex.  About 0.2 for noise, which is
-        the same everywhere; larger for relief that belongs to the shape.
+        the same everywhere; larger for relief that belongs to the shape, and smaller for a pattern.
+    repetition
+        Largest correlation of the fine relief with itself from 6 to 10 rings away.  About 0.02 for noise, which knows
+        nothing of itself beyond the Laplacians' reach; larger for a brick wall or a fabric.
     """
 
     level: float
+    along_surface: float
     unevenness: float
+    repetition: float
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether the relief is too even, or repeats itself too well, for noise."""
+        return self.unevenness < _TOO_EVEN or self.repetition > _REPEATED
 
 
-UNKNOWN = NoiseEstimate(0.0, np.inf)
+UNKNOWN = NoiseEstimate(0.0, 0.0, np.inf, 0.0)
 
 
 def estimate_noise_level(mesh: TriangleMesh, surface: Surface) -> NoiseEstimate:
@@ -59,7 +78,8 @@ def estimate_noise_level(mesh: TriangleMesh, surface: Surface) -> NoiseEstimate:
     inside = mesh.used & ~mesh.border & (mesh.adjacency @ mesh.border.astype(float) == 0)
     if inside.sum() < FEWEST_VERTICES:
         return UNKNOWN
-    relief = np.abs(_relief(mesh))
+    signed, sideways = _relief(mesh)
+    relief = np.abs(signed)
     first = _clipped_deviation(relief[inside])
     if first == 0.0:
         return UNKNOWN
@@ -71,7 +91,10 @@ def estimate_noise_level(mesh: TriangleMesh, surface: Surface) -> NoiseEstimate:
         if smooth.sum() >= max(FEWEST_VERTICES, _SMOOTH_SHARE * inside.sum()):
             chosen = smooth
     level = _clipped_deviation(relief[chosen])
-    return NoiseEstimate(level, _unevenness(mesh, np.minimum(relief, _CLIP * level), chosen))
+    clipped = np.clip(signed, -_CLIP * level, _CLIP * level)
+    along_surface = float(np.median(sideways[inside])) / _MEDIAN_LENGTH
+    unevenness = _unevenness(mesh, np.abs(clipped), chosen)
+    return NoiseEstimate(level, along_surface, unevenness, _repetition(mesh, clipped, chosen))
 
 
 def mean_edge_length(mesh: TriangleMesh) -> float:
@@ -80,15 +103,22 @@ def mean_edge_length(mesh: TriangleMesh) -> float:
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()) if len(ends) else 0.0
 
 
-def _relief(mesh: TriangleMesh) -> Array:
-    """Twice-applied Laplacian along smoothed normals over its gain: noise of deviation 1 has deviation 1 here, (N,)."""
+def _relief(mesh: TriangleMesh) -> tuple[Array, Array]:
+    """Return the twice-applied Laplacian over its gain: noise of deviation 1 has deviation 1 here.
+
+    Returns
+    -------
+    Its part along smoothed normals, with sign, and the length of the rest, (N,) each.
+    """
     positions = mesh.vertices[mesh.node_vertex] - mesh.vertices[mesh.node_vertex].mean(axis=0)
     valence = np.maximum(np.diff(mesh.adjacency.indptr), 1)
     laplacian = csr_array(eye_array(len(valence)) - diags_array(1.0 / valence) @ mesh.adjacency)
     twice = csr_array(laplacian @ laplacian)
     gain = np.sqrt(np.asarray(twice.multiply(twice).sum(axis=1)).ravel())
-    along = ((twice @ positions) * _smoothed_normals(mesh)).sum(axis=1)
-    return np.divide(along, gain, out=np.zeros_like(along), where=gain > 0)
+    change = (twice @ positions) * np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 0)[:, None]
+    normals = _smoothed_normals(mesh)
+    along = (change * normals).sum(axis=1)
+    return along, np.linalg.norm(change - along[:, None] * normals, axis=1)
 
 
 def _smoothed_normals(mesh: TriangleMesh) -> Array:
@@ -127,6 +157,27 @@ def _unevenness(mesh: TriangleMesh, relief: Array, chosen: Booleans) -> float:
         total, count = reach @ total, reach @ count
     around = total[chosen] / count[chosen]
     return float(around.std() / around.mean()) if around.any() else np.inf
+
+
+def _repetition(mesh: TriangleMesh, relief: Array, chosen: Booleans) -> float:
+    """Return the largest correlation of the relief, (N,), with itself on rings beyond the Laplacians' reach."""
+    power = float(np.mean(relief[chosen] ** 2))
+    nodes = scattered(np.flatnonzero(chosen))[:_SOURCES]
+    if power == 0.0 or not len(nodes):
+        return 0.0
+    shape = (len(nodes), mesh.node_count)
+    disks = csr_array((np.ones(len(nodes), dtype=bool), (np.arange(len(nodes)), nodes)), shape=shape)
+    kept = np.where(chosen, relief, 0.0)
+    inner = np.zeros((2, len(nodes)))
+    largest = 0.0
+    for ring in range(1, _FARTHEST + 1):
+        disks = csr_array(disks @ mesh.reach)
+        outer = np.stack([disks @ kept, disks @ chosen.astype(np.float64)])
+        total, count = outer - inner
+        inner = outer
+        if ring >= _BEYOND and count.sum() > 0:
+            largest = max(largest, abs(float(relief[nodes] @ total) / (float(count.sum()) * power)))
+    return largest
 
 
 def _clipped_deviation(magnitudes: Array) -> float:

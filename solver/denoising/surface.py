@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..arrays import Indices
+from ..arrays import Booleans, Indices
 from ..mesh.triangle_mesh import TriangleMesh
 
 _CROWD = 64  # corners around a vertex beyond which its triangles count as neighbours only across edges
@@ -23,12 +23,15 @@ class Surface:
         Vertices of the corners, (T, 3), consistently wound within each orientable component.
     neighbours
         Triangle across each side, (T, 3); -1 on open borders and on collapsed triangles.
+    border
+        Vertices on open borders and where surfaces meet, (V,).
     around
         Which triangles share a vertex, (T, T), without the triangle itself; the pattern counts, not the values.
     """
 
     triangles: Indices
     neighbours: Indices
+    border: Booleans
     around: csr_array
 
 
@@ -40,7 +43,9 @@ def build_surface(mesh: TriangleMesh) -> Surface:
     both = mesh.edge_triangles[mesh.triangle_edges]
     across = both.sum(axis=2) - np.arange(len(triangles))[:, None]
     neighbours = np.where((both[..., 1] < 0) | mesh.collapsed[:, None], -1, across)
-    return Surface(triangles, neighbours, _around(mesh, neighbours))
+    border = np.zeros(len(mesh.vertices), dtype=bool)
+    border[mesh.node_vertex[mesh.border]] = True
+    return Surface(triangles, neighbours, border, _around(mesh, neighbours))
 
 
 def _around(mesh: TriangleMesh, neighbours: Indices) -> csr_array:

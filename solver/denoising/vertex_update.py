@@ -8,14 +8,27 @@ from ..arrays import Array, Booleans
 from ..mesh.normals import normals_around, unit
 from .surface import Surface
 
-LARGEST_MOVE = 3.5  # noise levels
+LARGEST_MOVE = 3.5
+"""Noise levels that a vertex moves at most ..."""
+
+WILD_MOVE = 12.0
+"""... unless there are more wild vertices, off by more than that, than Gaussian noise has."""
+
+_WILD_SHARE = 0.004  # of the vertices; Gaussian noise has 0.0005, and 0.002 where its level is told 12 % too low
+_FEWEST_WILD = 6
 
 _ALONG = 1e-3
 _ACROSS = 0.15  # resistance to sliding along the surface; the planes of a crease of 60 degrees weigh 0.25
 _FILLING_STEPS = 10
 
 
-def move_to_planes(vertices: Array, planes: tuple[Array, Array, Array], directions: Array, noise_level: float) -> Array:
+def move_to_planes(
+    vertices: Array,
+    planes: tuple[Array, Array, Array],
+    directions: Array,
+    noise_level: float,
+    largest: float = LARGEST_MOVE,
+) -> Array:
     """Return the vertices moved onto the planes that patches give for them.
 
     Minimises over the move x: mean of (n . x - d)^2 over a vertex's planes, plus a small multiple of the square of the
@@ -31,7 +44,9 @@ def move_to_planes(vertices: Array, planes: tuple[Array, Array, Array], directio
     directions
         Unit normals at the vertices, (V, 3).
     noise_level
-        Moves are at most 3.5 times as long.
+        Standard deviation of the noise along the normals.
+    largest
+        Moves are at most this many noise levels long.
     """
     matrices, targets, weight = planes
     known = np.flatnonzero(weight > 0)
@@ -41,8 +56,14 @@ def move_to_planes(vertices: Array, planes: tuple[Array, Array, Array], directio
     solved = np.linalg.solve(matrices[known] + resistance, targets[known][..., None])[..., 0]
     moves = np.asarray(solved, dtype=np.float64)
     moved = vertices.copy()
-    moved[known] += limited(moves, LARGEST_MOVE * noise_level)
+    moved[known] += limited(moves, largest * noise_level)
     return moved
+
+
+def has_wild_vertices(moves: Array, noise_level: float) -> bool:
+    """Return whether more of the moves, (V, 3), are far longer than the noise level than Gaussian noise explains."""
+    wild = int((np.linalg.norm(moves, axis=1) > LARGEST_MOVE * noise_level).sum())
+    return wild > _WILD_SHARE * len(moves) + _FEWEST_WILD
 
 
 def fill_in(vertices: Array, moved: Array, known: Booleans, surface: Surface, normals: Array, limit: float) -> Array:

@@ -19,7 +19,8 @@ from sparse_surface.solver.denoising.one_sided_patches import Fits, PatchFitter,
 from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
-from sparse_surface.solver.denoising.vertex_update import fill_in, move_to_planes
+from sparse_surface.solver.denoising.triangle_repair import folded_share, repair_triangles
+from sparse_surface.solver.denoising.vertex_update import fill_in, has_wild_vertices, move_to_planes
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from threadpoolctl import threadpool_limits
 
@@ -113,6 +114,41 @@ def test_bunny_keeps_its_fur(load_model, share, most, most_degrees) -> None:
     assert degrees <= most_degrees
 
 
+@pytest.mark.parametrize("seed", [31, 32])
+def test_impulses_are_removed(seed: int) -> None:
+    """Half of a sphere's vertices are off by noise of half an edge length: many by more than 3.5 noise levels."""
+    vertices, faces = models.sphere()
+    rng = np.random.default_rng(seed)
+    edge = mean_edge_length(build_mesh(vertices, faces))
+    off = np.where(rng.random(len(vertices)) < 0.5, rng.normal(0.0, 0.5 * edge, len(vertices)), 0.0)
+    denoised = denoise(vertices * (1.0 + off)[:, None], faces)
+    found = np.linalg.norm(denoised.vertices, axis=1) - 1.0
+    assert np.sqrt(np.mean(found**2)) < 0.25 * np.sqrt(np.mean(off**2))
+    assert denoised.displacement.max() > 3.5 * denoised.noise_level
+
+
+def test_a_few_far_moves_are_not_wild_ones() -> None:
+    """Of 10 000 Gaussian moves about five are longer than 3.5 deviations; a wild share shows in many more."""
+    rng = np.random.default_rng(12)
+    moves = rng.normal(size=(10_000, 1)) * [0.0, 0.0, 1.0]
+    assert not has_wild_vertices(moves, 1.0)
+    moves[::50] *= 8.0
+    assert has_wild_vertices(moves, 1.0)
+    assert not has_wild_vertices(moves[:50], 1.0)
+
+
+@pytest.mark.parametrize("seed", [41, 42, 43])
+def test_triangles_that_noise_has_folded_over_are_turned_back(seed: int) -> None:
+    """Noise of 0.28 edge lengths in each direction folds triangles of a flat sheet; its border stays."""
+    vertices, faces = bumpy_plane(40)
+    noisy = vertices + np.random.default_rng(seed).normal(0.0, 0.28, vertices.shape)
+    denoised = denoise(noisy, faces)
+    clean = face_normals(vertices, faces)
+    before, after = (np.mean((face_normals(v, faces) * clean).sum(axis=1) < 0) for v in (noisy, denoised.vertices))
+    assert before > 0.01
+    assert after < 0.2 * before
+
+
 # -------------------------------------------------------------------------------------------------- what is left alone
 
 
@@ -137,6 +173,63 @@ def test_real_models_come_back_bit_for_bit(load_model, name: str) -> None:
 def test_the_bunny_comes_back_bit_for_bit(load_model) -> None:
     vertices, faces = load_model("stanford-bunny.ply")
     np.testing.assert_array_equal(denoise(vertices, faces).vertices, vertices)
+
+
+def brick_wall(length: int, height: int, joint: float, depth: float) -> tuple[Array, Indices]:
+    """Return a wall of bricks of the given size in steps of its grid, with joints of a width and a depth."""
+    vertices, triangles = bumpy_plane(90)
+    x, y = np.round(vertices[:, :2]).T
+    along = (x + y // height % 2 * length / 2) % length
+    in_joint = (along < joint) | (y % height < joint)
+    return np.column_stack([vertices[:, :2], np.where(in_joint, 0.0, depth)]), triangles
+
+
+def knurled_cylinder(around: int, along: int, depth: float, pitch: int) -> tuple[Array, Indices]:
+    """Return a cylinder with two crossing threads; edges have length 1."""
+    angle, height = np.meshgrid(np.arange(around), np.arange(along))
+    threads = sum(np.abs(2 * ((angle + turn * height) / pitch % 1.0) - 1.0) for turn in (1, -1))
+    radius = around / (2 * np.pi) + depth * threads
+    turned = 2 * np.pi / around * angle
+    vertices = np.stack([radius * np.cos(turned), radius * np.sin(turned), height], axis=-1).reshape(-1, 3)
+    number = np.arange(around * along).reshape(along, around)
+    after = np.roll(number, -1, axis=1)
+    quads = np.stack([number[:-1], after[:-1], after[1:], number[1:]], axis=-1).reshape(-1, 4)
+    return vertices, halved(quads)
+
+
+def woven(period: float) -> tuple[Array, Indices]:
+    vertices, triangles = bumpy_plane(90)
+    phase = 2 * np.pi / period * vertices[:, :2]
+    return np.column_stack([vertices[:, :2], 0.3 * np.sin(phase[:, 0]) * np.sin(phase[:, 1])]), triangles
+
+
+PATTERNS = {
+    "bricks": lambda: brick_wall(18, 9, 1.5, 0.6),
+    "small bricks": lambda: brick_wall(8, 4, 1.2, 0.4),
+    "wide joints": lambda: brick_wall(16, 8, 3.0, 1.0),
+    "knurling": lambda: knurled_cylinder(120, 60, 0.35, 6),
+    "coarse knurling": lambda: knurled_cylinder(180, 90, 0.8, 12),
+    "odd knurling": lambda: knurled_cylinder(126, 60, 0.5, 7),
+    "fabric": lambda: woven(7.0),
+    "fine fabric": lambda: woven(4.5),
+}
+
+
+@pytest.mark.parametrize("name", PATTERNS)
+def test_fine_regular_relief_comes_back_bit_for_bit(name: str) -> None:
+    vertices, triangles = PATTERNS[name]()
+    denoised = denoise(vertices, triangles)
+    assert denoised.vertices.tobytes() == vertices.tobytes()
+    assert denoised.noise_level == 0.0
+
+
+def test_a_pattern_under_strong_noise_does_not_keep_the_noise() -> None:
+    vertices, triangles = woven(7.0)
+    vertices = vertices * [1.0, 1.0, 0.3]
+    noisy = vertices + np.random.default_rng(8).normal(0.0, 0.25, len(vertices))[:, None] * [0.0, 0.0, 1.0]
+    denoised = denoise(noisy, triangles).vertices
+    before, after = (distance_from_clean(vertices, triangles, points)[0] for points in (noisy, denoised))
+    assert after < 0.5 * before
 
 
 def test_the_given_arrays_are_not_changed() -> None:
@@ -553,13 +646,14 @@ def test_a_level_that_moves_more_than_the_noise_is_halved(
     mesh = build_mesh(vertices, faces)
     up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
 
-    def by_the_level(_: object, noisy: Array, level: float, relative: float) -> Iterator[Progress]:
+    def by_the_level(_: object, noisy: Array, noise: steps._Noise) -> Iterator[Progress]:
         yield Progress("moving", 0.5)
-        assert relative * mean_edge_length(mesh) == pytest.approx(level * np.ptp(vertices, axis=0).max())
-        return noisy + level * up, up
+        assert noise.edge * np.ptp(vertices, axis=0).max() == pytest.approx(mean_edge_length(mesh))
+        return noisy + noise.level * up, up
 
     monkeypatch.setattr(steps, "_pass", by_the_level)
-    moved, level = run_to_end(steps._without_noise(mesh, build_surface(mesh), asked, 0.3))
+    noise = steps._Noise(asked, 0.3, mean_edge_length(mesh), sideways=False)
+    moved, level = run_to_end(steps._without_noise(mesh, build_surface(mesh), noise))
     assert level == used
     np.testing.assert_allclose(moved, vertices + used * up, atol=1e-12)
 
@@ -608,6 +702,31 @@ def test_vertices_move_to_where_their_planes_meet() -> None:
     np.testing.assert_array_equal(moved[3], 0.0)
     limited = move_to_planes(np.zeros((4, 3)), (matrices, 100 * targets, np.array([1.0, 1, 1, 0])), directions, 0.01)
     assert np.linalg.norm(limited, axis=1).max() == pytest.approx(0.035)
+
+
+def test_repair_keeps_vertices_on_their_edge_and_borders_in_place() -> None:
+    """A roof: the ridge's vertices may slide along it, those of a slope within it; a folded one comes free."""
+    vertices, faces = bumpy_plane(12)
+    vertices[:, :2] = np.round(vertices[:, :2])
+    vertices[:, 2] = -np.abs(vertices[:, 0] - 5.0)
+    surface = build_surface(build_mesh(vertices, faces))
+    normals = face_normals(vertices, surface.triangles)
+    slopes = np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]) / np.sqrt(2.0)
+    products = slopes[:, :, None] * slopes[:, None, :]
+    on = [products.mean(axis=0) if x == 5 else products[int(x > 5)] for x in vertices[:, 0]]
+    folded = vertices.copy()
+    ridge, slope, border = 5 * 12 + 6, 8 * 12 + 5, 11 * 12 + 5
+    folded[ridge, 1] += 1.6
+    folded[slope, 1] -= 1.6
+    folded[border, 1] += 1.6
+    known = np.ones(len(vertices), dtype=bool)
+    repaired = repair_triangles(folded, folded, np.array(on), known, surface, normals, 5.0)
+    assert folded_share(folded, surface, normals) > 2 * folded_share(repaired, surface, normals)
+    np.testing.assert_array_equal(repaired[border], folded[border])
+    np.testing.assert_allclose(repaired[:, 2], -np.abs(repaired[:, 0] - 5.0), atol=0.02)
+    assert abs(repaired[ridge, 0] - 5.0) < 0.02
+    unchanged = repair_triangles(vertices, vertices, np.array(on), known, surface, normals, 5.0)
+    np.testing.assert_array_equal(unchanged, vertices)
 
 
 def test_vertices_that_no_patch_reached_follow_their_neighbours() -> None:
