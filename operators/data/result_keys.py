@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 from bpy.types import Object
@@ -71,6 +72,18 @@ def read_report(candidate: Object | None) -> dict[str, Any] | None:
     stored: Any = candidate.get(REPORT) if candidate is not None else None
     report: dict[str, Any] | None = stored.to_dict() if hasattr(stored, "to_dict") else None
     return report
+
+
+def stored_numbers(holder: Object, name: str, count: int) -> list[float] | None:
+    """Return the finite numbers of a custom property; None where there are others, or not as many.
+
+    Whoever makes a .blend can put anything into a property.
+    """
+    try:
+        numbers = [float(number) for number in holder.get(name, ())]
+    except (TypeError, ValueError):
+        return None
+    return numbers if len(numbers) == count and all(map(isfinite, numbers)) else None
 
 
 def has_representation(candidate: Object | None) -> bool:

@@ -9,7 +9,7 @@ from bpy.types import Object
 from ...solver.errors import InputError
 from ...solver.surface.inspection import domain_atlas
 from ..data.attributes import put
-from ..data.result_keys import SPLITS
+from ..data.result_keys import SPLITS, stored_numbers
 from .stored import placement, read_representation
 
 MOST_MAPS = 8
@@ -26,7 +26,7 @@ def write_domain_maps(holder: Object) -> list[str]:
     """
     representation = read_representation(holder)
     placement(holder, representation)
-    if SPLITS in holder and holder[SPLITS][0] != 1:
+    if SPLITS in holder and (stored_numbers(holder, SPLITS, 3) or [0.0])[0] != 1.0:
         text = rpt_("The mesh of '{}' is finer than its domains; reconstruct it with resolution 1 for their UV maps.")
         raise InputError(text.format(holder.name))
     channels = ("",) if len(representation.domains) == 1 else (" X", " Y", " Z")

@@ -16,7 +16,7 @@ from ..data.colours import ColourScale
 from ..data.meshes import create_mesh, loose_edges, read_positions
 from ..data.objects import create_object
 from ..data.origins import RESAMPLED
-from ..data.result_keys import ERROR, SCALE, SPLITS, cut_name
+from ..data.result_keys import ERROR, SCALE, SPLITS, cut_name, stored_numbers
 from ..data.results import write_error
 from ..heat_map.scale import colour_scale
 from .carried_layers import carry_layers
@@ -47,7 +47,8 @@ def resample_object(context: Context, holder: Object, splits: int, *, replace: b
     else:  # the error of the nearest vertex of the reconstructed surface
         error = read(holder.data, ERROR)[cKDTree(read_positions(holder.data)).query(local)[1]]
     # The same scale as that of the result, so that both can be compared.
-    scale = ColourScale(*holder[SCALE]) if SCALE in holder else colour_scale(context.scene, error)
+    numbers = stored_numbers(holder, SCALE, 3)
+    scale = ColourScale(*numbers) if numbers else colour_scale(context.scene, error)
     write_error(made, error, scale)
     return made
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...solver.errors import InputError
 from ...solver.surface.representation import Representation
 from ..data.meshes import read_polygons, read_positions
-from ..data.result_keys import REPRESENTATION, SPLITS, STRETCH
+from ..data.result_keys import REPRESENTATION, SPLITS, STRETCH, stored_numbers
 
 NEAR = 3e-5
 """Distance, as a share of the longest side, within which a vertex is where a compact representation puts it."""
@@ -107,10 +107,11 @@ def _vertices_of(mesh: Mesh, representation: Representation) -> NDArray[np.int64
 
 def _placement_of_finer(holder: Object, representation: Representation, edited: InputError) -> Placement:
     """Find the place on a mesh that is finer than the representation's: its first vertices are the same."""
-    _, vertices, faces = holder[SPLITS]
-    if (len(holder.data.vertices), len(holder.data.polygons)) != (vertices, faces):
+    numbers, points = stored_numbers(holder, SPLITS, 3), representation.at_vertices()
+    if numbers is None or numbers[1:] != [len(holder.data.vertices), len(holder.data.polygons)]:
         raise edited
-    points = representation.at_vertices()
+    if len(holder.data.vertices) < len(points):
+        raise edited
     local = read_positions(holder.data)[: len(points)].astype(np.float64)
     return _found(holder, points, local, np.arange(len(points)), edited)
 
@@ -132,10 +133,10 @@ def _found(
 
 
 def _as_stored(holder: Object) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    stretch = holder.get(STRETCH)
+    stretch = stored_numbers(holder, STRETCH, 9)
     linear: NDArray[np.float64] = np.eye(3)
     if stretch is not None:
-        linear = np.linalg.inv(np.array(stretch, dtype=np.float64).reshape(3, 3)).astype(np.float64)
+        linear = np.linalg.pinv(np.array(stretch).reshape(3, 3)).astype(np.float64)
     return linear, np.zeros(3)
 
 

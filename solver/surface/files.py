@@ -17,7 +17,7 @@ from ..patches.parameterisation import METHODS
 from ..settings import Settings
 from .container import INDICES, REAL, Arrays, Format, Layer, demand, pack, refusing, unpack
 from .format.blocks import BlockReader
-from .format.content import Sizes
+from .format.content import SMALL, Sizes
 from .format.reading import read
 from .format.writing import QUALITIES, write
 
@@ -34,6 +34,9 @@ LARGEST_VALUES = {
 
 FARTHEST = 1e37
 """No point of a surface lies farther from the origin: meshes hold single precision."""
+
+MOST_DERIVED = 10
+"""Bytes that evaluation may take for each byte of the arrays of a file of format 1."""
 
 LARGEST_DEGREE: int = Settings.__dataclass_fields__["degree"].metadata["high"]
 
@@ -116,7 +119,7 @@ def from_file(file: IO[bytes], name: str) -> dict[str, Any]:
         demand(type(degree) is int and 0 <= degree <= most, f"its degree is not a whole number from 0 to {most}")
         fields = {key: head[key] for key in FORMAT_1.keys}
         if version == 1:
-            return {**fields, **_fields_of_format_1(stored, sizes, Dictionary(degree, head["basis"]).size)}
+            return {**fields, **_fields_of_format_1(stored, sizes, degree, Dictionary(degree, head["basis"]).size)}
         demand(head["initial"] in ("", *METHODS), "its initial domains are unknown")
         content = stored["data"].tobytes()
         fields |= read(head, Sizes.read(head["sizes"], degree, len(content)), BlockReader(content))
@@ -125,10 +128,25 @@ def from_file(file: IO[bytes], name: str) -> dict[str, Any]:
         return {**fields, "initial": head["initial"]}
 
 
-def _fields_of_format_1(stored: Arrays, sizes: dict[str, int], functions: int) -> dict[str, Any]:
+def _fields_of_format_1(stored: Arrays, sizes: dict[str, int], degree: int, functions: int) -> dict[str, Any]:
     demand(sizes["patches + 1"] == sizes["patches"] + 1, "the numbers of patches differ")
     demand(sizes["domains"] in (1, 3), f"it has {sizes['domains']} domains for each patch")
     demand(sizes["triangles"] > 0, "it has no faces")
+    derived = Sizes(
+        vertices=sizes["vertices"],
+        faces=sizes["faces + 1"],
+        face_corners=sizes["face corners"],
+        triangles=sizes["triangles"],
+        nodes=sizes["vertices"],
+        patches=sizes["patches"],
+        patch_vertices=sizes["patch vertices"],
+        patch_triangles=sizes["patch triangles"],
+        domains=sizes["domains"],
+        functions=sizes["functions"],
+        iterations=sizes["iterations"],
+    )
+    held = sum(array.nbytes for array in stored.values())
+    demand(derived.memory(degree) <= SMALL + MOST_DERIVED * held, "evaluating it would fill the memory")
     arrays = {
         name: array.astype(np.float64 if LAYERS[name].types == REAL else np.int64) for name, array in stored.items()
     }

@@ -313,3 +313,27 @@ def test_vertices_that_lie_at_one_place_are_one_on_the_finer_mesh():
     assert np.allclose(carried, points[:, 2], atol=1e-6)
     assert {round(entry.weight, 6) for vertex in made.data.vertices for entry in vertex.groups} == {0.5}
     assert sum(edge.use_edge_sharp for edge in made.data.edges) == 2
+
+
+@pytest.mark.parametrize("name", ["representation", "splits", "stretch"])
+def test_properties_that_others_made_are_refused_or_ignored(name):
+    """Whoever makes a .blend can put anything into a custom property; what runs over it must not end in a traceback."""
+    scenes.creased_sheet(12)
+    scenes.approximate()
+    source = bpy.context.view_layer.objects.active
+    for value in ("text", 7, -1.5, [1.0], [float("nan")] * 9, [0.0] * 9, [1, 2, 3], b"PK\x03\x04", {"a": 1}):
+        if f"sparse_surface_{name}" in source:
+            del source[f"sparse_surface_{name}"]
+        source[f"sparse_surface_{name}"] = value
+        for operator in ("resample", "inspect_patch", "separate_patches", "domains_to_uv"):
+            scenes.select(source)
+            assert "Traceback" not in str(complaint(operator)), (operator, value)
+
+
+def complaint(operator):
+    """Return what an operator raises, if anything."""
+    try:
+        getattr(bpy.ops.sparse_surface, operator)()
+    except RuntimeError as error:
+        return error
+    return None

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...arrays import Array, Booleans, Indices
+from ..container import demand
 from .entropy import CONTEXTS, NumberReader, NumberWriter
 
 
@@ -58,16 +59,18 @@ class Writing:
 
 
 class Reading:
-    """Adds the stored whole numbers to the predictions."""
+    """Adds the stored whole numbers to the predictions; refuses what becomes larger than `largest`."""
 
-    def __init__(self, numbers: NumberReader, shape: tuple[int, int]) -> None:
-        self._numbers, self.sizes = numbers, np.zeros(shape)
+    def __init__(self, numbers: NumberReader, shape: tuple[int, int], largest: float) -> None:
+        self._numbers, self.sizes, self._largest = numbers, np.zeros(shape), largest
 
     def __call__(self, places: Indices, predicted: Array, steps: Array, expected: Array) -> Array:
         """Return the stored values."""
         found = self._numbers.take(contexts_of(expected, steps).ravel()).reshape(predicted.shape)
         self.sizes[places] = np.abs(found) * steps
-        return predicted + found * steps
+        values = predicted + found * steps
+        demand((np.abs(values) <= self._largest).all(), "a value is too large")
+        return values
 
 
 def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:

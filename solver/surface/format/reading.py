@@ -143,7 +143,7 @@ def _read_positions(blocks: BlockReader, sizes: Sizes, triangles: Indices, names
         low, steps = blocks.real("lowest", 3), blocks.real("vertex_steps", 2)
         demand(np.isfinite(low).all() and ((steps > 0.0) & (steps < 1e60)).all(), "the vertices have no steps")
         total: Array = np.bincount(names, weights, sizes.vertices).astype(np.float64)
-        code = Reading(NumberReader(blocks, "vertices", 3 * sizes.vertices), (sizes.vertices, 3))
+        code = Reading(NumberReader(blocks, "vertices", 3 * sizes.vertices), (sizes.vertices, 3), 1e60)
         positions = code_positions(triangles, position_steps(triangles, total, *steps), code) + low
     demand((np.abs(positions) <= 1e60).all(), "a vertex is too far away or not finite")
     return positions
@@ -195,7 +195,9 @@ def _read_domains(
     domains = np.empty((sizes.domains, sizes.patch_vertices, 2))
     for channel, part, target in domain_inputs(cover, functions, positions[names], dictionary):
         steps = domain_steps(cover, weights, functions["scales"][:, channel], (step, share), finer[names])
-        code = Reading(NumberReader(blocks, f"domains_{channel}", 2 * sizes.patch_vertices), (sizes.patch_vertices, 2))
+        code = Reading(
+            NumberReader(blocks, f"domains_{channel}", 2 * sizes.patch_vertices), (sizes.patch_vertices, 2), 1e4
+        )
         domains[channel] = code_domains(cover, centres, shapes, target, part, steps, code)
     return domains
 

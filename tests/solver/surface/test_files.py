@@ -338,6 +338,32 @@ def test_repetitions_do_not_fill_the_memory() -> None:
         tracemalloc.stop()
 
 
+def test_what_evaluation_would_take_is_counted_before() -> None:
+    """Empty patches are small in a file, and each takes a table of its functions: 124 kB led to 4 GB."""
+    arrays, count = arrays_of(saved_before()), 60_000
+    for name in ("vertex_offsets", "triangle_offsets"):
+        arrays[name] = np.zeros(count + 1, dtype="<u2")
+    for name in ("patch_vertices", "patch_triangles", "mesh_triangles", "weights"):
+        arrays[name] = arrays[name][:0]
+    for name in ("domains", "initial_domains"):
+        arrays[name] = arrays[name][:, :0]
+    arrays |= {"origins": np.zeros((count, 3)), "scales": np.ones((count, 1)), "energy": np.zeros((count, 0), "<f4")}
+    arrays |= {"support": np.zeros((count, 3, 1), "<i2"), "coefficients": np.zeros((count, 3, 1))}
+    assert "fill the memory" in refusal(archive_of(arrays))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"coefficients": 1e60}, {"coefficients": -1e60}, {"origins": 1e59}],
+    ids=str,
+)
+def test_functions_that_reach_out_of_all_bounds_are_refused(changes: dict[str, float]) -> None:
+    arrays = arrays_of(saved_before())
+    for name, value in changes.items():
+        arrays[name] = np.full_like(arrays[name], value)
+    assert "is damaged" in refusal(archive_of(arrays))
+
+
 def loads_as_before_or_refuses(data: bytes) -> None:
     try:
         loaded = Representation.from_bytes(data, "'a.npz'")
