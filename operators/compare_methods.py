@@ -40,7 +40,7 @@ class SPARSE_SURFACE_OT_compare_methods(SolverOperator, Operator):
 
     def make_objects(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> list[Object]:
         """Two results with one scale; a single one has nothing to be compared with."""
-        from .heat_map.pairs import compare_pair  # NumPy-heavy: enabling the add-on loads this module
+        from .heat_map.pairs import compare_pair, show_pair  # NumPy-heavy: enabling the add-on loads this module
 
         if len(done) < 2:
             if not refusals:
@@ -57,6 +57,7 @@ class SPARSE_SURFACE_OT_compare_methods(SolverOperator, Operator):
             hide(source, context)
         for (_, result), shown in zip(done, made, strict=True):
             self.say_result(shown.name, result.report)
+        show_pair(made, context)
         return made
 
 

@@ -129,10 +129,13 @@ class Job:
             self._executor.finish()
 
     def stop(self) -> None:
-        """End the child, if it lives; may be called again and again."""
+        """End the child, if it lives; may be called again and again.
+
+        Nothing waits for its end: on a busy machine a killed process that gives way takes seconds to go.
+        """
         executor, self._executor = self._executor, None
         if executor is not None:
-            executor.shutdown(cancel_futures=True)
+            executor.shutdown(wait=False, cancel_futures=True)
 
 
 def _sentence(error: BaseException) -> str:

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bpy.types import Context, Object
+from bpy.types import Context, Object, SpaceView3D
 
 from ..data.colours import ColourScale
 from ..data.objects import current_name
 from ..data.origins import COMPARED
 from ..data.result_keys import WITH_MODIFIERS, cut_name, result_name
 from ..data.results import create_result
+from ..data.viewports import frame
 from ..data.visibility import stand_beside
-from .scale import colour_scale
+from .scale import colour_scale, recolour_scene
+from .shown import show, shows_heat_map
 
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
@@ -24,7 +26,7 @@ Solved = tuple[Any, Any]
 
 
 def compare_pair(context: Context, done: Sequence[Solved], first: str, second: str, *, beside: bool) -> list[Object]:
-    """Make the objects of two results on the scale that the scene's display settings ask for; the range becomes fixed.
+    """Make the objects of two results on the scale that the scene's display settings ask for.
 
     Parameters
     ----------
@@ -41,9 +43,7 @@ def compare_pair(context: Context, done: Sequence[Solved], first: str, second: s
     scale = colour_scale(context.scene, np.concatenate([result.error for _, result in done]))
     titles = [_title(choice, result) for choice, (_, result) in zip((first, second), done, strict=True)]
     replace = context.scene.sparse_surface.replace_result
-    made = make_pair(context, done, titles, scale, beside=beside, replace=replace)
-    _fix_range(context, scale.high)
-    return made
+    return make_pair(context, done, titles, scale, beside=beside, replace=replace)
 
 
 def make_pair(
@@ -77,14 +77,16 @@ def make_pair(
     return made
 
 
+def show_pair(made: Sequence[Object], context: Context) -> None:
+    """Show the heat map of both where the user looks, and all of both."""
+    space = context.space_data
+    if isinstance(space, SpaceView3D):
+        if not shows_heat_map(space):
+            show(space, context)
+        recolour_scene(context.scene)
+    frame(made, context)
+
+
 def _title(choice: str, result: Approximation) -> str:
     method: str = result.report["settings"]["method"]
     return (method if choice == "SCENE" else choice.removeprefix("PRESET_")).title()
-
-
-def _fix_range(context: Context, high: float) -> None:
-    """Keep the common scale when the display settings change: the range becomes a fixed one."""
-    display = context.scene.sparse_surface.display
-    if not display.inside_outside and high > 0.0:
-        display.range_maximum = high
-        display.range_mode = "FIXED"

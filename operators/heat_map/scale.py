@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..data.attributes import read, show_colours
 from ..data.colours import ColourScale
+from ..data.origins import COMPARED, ROLE, SOURCE
 from ..data.result_keys import (
     EARLY,
     ERROR,
@@ -67,6 +68,7 @@ def recolour_scene(scene: Scene) -> None:
     """Recolour every object of a scene that has a heat map and can be written.
 
     While a viewport shows heat maps, those that are visible share one scale, so that equal colours are equal errors.
+    The two results of a comparison always do.
     """
     errors = {
         candidate: read(candidate.data, ERROR)
@@ -77,10 +79,19 @@ def recolour_scene(scene: Scene) -> None:
     shared = colour_scale(scene, np.concatenate([errors[each] for each in together])) if together else None
     for coloured, own in errors.items():
         patches = shows_patches(coloured)
-        scale = shared if shared is not None and coloured in together else colour_scale(scene, own)
+        pair = [each for each in errors if _are_compared(each, coloured)] or [coloured]
+        scale = colour_scale(scene, np.concatenate([errors[each] for each in pair]))
+        if shared is not None and coloured in together:
+            scale = shared
         if list(coloured[SCALE]) != [scale.low, scale.high, scale.tolerance]:
             write_error(coloured, own, scale)
             if patches:
                 show_colours(coloured.data, PATCH_COLOUR)
         if coloured in together and not patches:
             choose_colours(coloured, ERROR_COLOUR)
+
+
+def _are_compared(one: Object, other: Object) -> bool:
+    """Whether two objects are what Compare Methods has made of one source, or the same of them."""
+    both = one.get(ROLE) in COMPARED and other.get(ROLE) in COMPARED
+    return both and one.get(SOURCE) == other.get(SOURCE)

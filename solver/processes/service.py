@@ -80,6 +80,7 @@ class _Owner:
                     self.tasks.put(message)
                 else:
                     self.finish.set()
+                    stop_giving_way()  # the owner waits for what there is
         except (EOFError, OSError):
             stop_giving_way()
             os._exit(0)

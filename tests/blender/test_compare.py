@@ -62,9 +62,30 @@ def test_the_scale_stays_common_when_colours_are_made_anew():
     scenes.creased_sheet(12)
     one, other = compare(ring=4, method="traditional")
     display = bpy.context.scene.sparse_surface.display
-    assert display.range_mode == "FIXED"
-    display.range_maximum = 2.0 * display.range_maximum
-    assert list(one["error_color_range"]) == list(other["error_color_range"])
+    before = list(one["error_color_range"])
+    for mode in ("PERCENTILE", "AUTOMATIC"):
+        display.range_mode = mode
+        assert list(one["error_color_range"]) == list(other["error_color_range"])
+        same = list(one["error_color_range"]) == pytest.approx(before, rel=1e-6)
+        assert same == (mode == "AUTOMATIC")
+
+
+def test_no_setting_is_changed():
+    scenes.creased_sheet(12)
+    settings = scenes.hurry(ring=4)
+
+    def everything(group: Any) -> dict[str, Any]:
+        return {
+            each.identifier: everything(getattr(group, each.identifier))
+            if each.identifier in {"display", "reconstruction", "comparison"}
+            else str(getattr(group, each.identifier))
+            for each in group.bl_rna.properties
+            if each.identifier != "rna_type"
+        }
+
+    before = everything(settings)
+    assert bpy.ops.sparse_surface.compare_methods() == {"FINISHED"}
+    assert everything(settings) == before
 
 
 @pytest.mark.parametrize("replace", [True, False])

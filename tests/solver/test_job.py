@@ -231,8 +231,10 @@ def test_stopping_ends_the_process(job: Job) -> None:
     process = child_of(job)
     before = time.monotonic()
     job.stop()
-    assert time.monotonic() - before < 0.5
-    assert not is_alive(process)
+    assert time.monotonic() - before < 0.1  # the owner, a window, does not wait
+    while is_alive(process):
+        assert time.monotonic() - before < 30.0
+        time.sleep(0.01)
     job.stop()
     assert not job.running
     assert job.poll() is None

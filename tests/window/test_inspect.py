@@ -146,8 +146,10 @@ def test_methods_are_compared_in_the_background():
     yield 0.5
     made = [o.name for o in bpy.data.objects]
     assert made == ["Creased", "Creased Sparse Surface 1 Traditional", "Creased Sparse Surface 2 Fast"], made
-    yield from look_from_above()
     driver.shot("compare")
+    assert driver.module("operators.heat_map.shown").shows_heat_map(driver.viewport().spaces.active)
+    assert all(seen(bpy.data.objects[name]) for name in made[1:])
+    assert bpy.context.scene.sparse_surface.display.range_mode == "AUTOMATIC"
 
 
 def test_a_cancelled_comparison_leaves_nothing_behind():
