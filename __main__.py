@@ -7,9 +7,9 @@ import sys
 
 def main() -> int:
     """Run the command line with the process's arguments; returns the exit code."""
-    from .command_line.main import main as run
+    from .command_line.guard import main as run
 
-    return run(sys.argv[1:])
+    return run(f"{__package__}.command_line.guarded", sys.argv[1:])
 
 
 if __name__ == "__main__":

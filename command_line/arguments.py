@@ -13,7 +13,7 @@ from ..operators.files.formats import ERROR_COLOURS, POINTS, READABLE
 from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
 from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
-from .outputs import DISTANCE_OUTPUTS, MESH, OUTPUTS, REPORT
+from .outputs import DISTANCE_OUTPUTS, MESH, OUTPUTS, REPORT, same_output
 
 PROGRAM = "sparse_surface"
 
@@ -34,7 +34,11 @@ def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
     SettingsError
         When a setting is out of range.
     """
-    options = _parser().parse_args(words)
+    parser = _parser()
+    options = parser.parse_args(words)
+    twice = same_output(options, [*OUTPUTS, *DISTANCE_OUTPUTS])
+    if twice:
+        parser.error(twice)
     for settle in options.settle:
         settle(options)
     return options
@@ -69,6 +73,7 @@ Settle = Callable[[argparse.Namespace], None]
 def _add_approximate(parser: argparse.ArgumentParser) -> Sequence[Settle]:
     _add_input(parser, "INPUT", "mesh file", READABLE)
     parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 where one of several meshes was refused")
     _add_outputs(parser)
     return [_add_settings(parser, Settings, presets=True)]
 

@@ -17,6 +17,9 @@ from .arguments import PROGRAM, parse
 DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130
 
 NO_BLENDER = "Files are read with Blender: install its Python module (pip install bpy) or run in Blender."
+WITHOUT_BLENDER = ("approximate", "evaluate", "inspect")
+"""Commands that can do without."""
+
 NO_BENCHMARK = "The benchmark comes with the source code, not with the extension."
 
 
@@ -46,10 +49,12 @@ def _run(words: list[str]) -> int:
             raise SettingsError(NO_BENCHMARK)
         return int(import_module(f"{name}.__main__").main(words[1:]))
     options = parse(words)
+    module = options.command
     if find_spec("bpy") is None:
-        raise SparseSurfaceError(NO_BLENDER)
-    import_module(f".{options.command}", __package__).run(options)
-    return DONE
+        if module not in WITHOUT_BLENDER:
+            raise SparseSurfaceError(NO_BLENDER)
+        module = "without_blender"
+    return import_module(f".{module}", __package__).run(options) or DONE
 
 
 def _refuse(error: BaseException, code: int) -> int:

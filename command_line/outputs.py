@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,9 @@ from typing import Any
 
 from ..operators.files.formats import WRITABLE, up_axis
 from ..solver.atomic_files import atomic_output
+
+LONGEST_NAME = 255
+"""Bytes that a file's name may have on every common system."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +80,45 @@ class Output:
         Raises
         ------
         argparse.ArgumentTypeError
-            When it is a folder, lies in none, or its ending names no kind of file that can be written.
+            When it is a folder, lies in none or in one that cannot be written, or its name is too long or its ending
+            names no kind of file that can be written.
         """
         path = Path(text)
-        if not path.absolute().parent.is_dir():
-            raise argparse.ArgumentTypeError(f"there is no folder '{path.parent}'")
-        if path.is_dir():
-            raise argparse.ArgumentTypeError(f"'{path}' is a folder")
+        wrong = _cannot_be(text, path)
+        if wrong:
+            raise argparse.ArgumentTypeError(wrong)
         if self.endings and path.suffix.lower() not in self.endings:
             one_of = "one of " * (len(self.endings) > 1) + " ".join(self.endings)
             raise argparse.ArgumentTypeError(f"the file's ending must be {one_of}, not '{path.suffix}'")
         return path
+
+
+def _cannot_be(text: str, path: Path) -> str:
+    """Say why no file can be there, in Blender's notation of paths too; empty where one can."""
+    folder = path.absolute().parent
+    if len(os.fsencode(path.name)) > LONGEST_NAME:
+        return f"the name '{path.name[:20]}...' is too long"
+    if text.startswith("//") and os.name == "posix":
+        return f"'{text}' begins with //, which means another folder to Blender than to other programs"
+    if not folder.is_dir():
+        return f"there is no folder '{path.parent}'"
+    if path.is_dir():
+        return f"'{path}' is a folder"
+    if not os.access(path if path.exists() and not path.is_file() else folder, os.W_OK):
+        return f"'{path}' cannot be written: its folder is read-only"
+    return ""
+
+
+def same_output(options: argparse.Namespace, outputs: Sequence[Output]) -> str:
+    """Say which two outputs are one file; empty where none are."""
+    seen: dict[str, str] = {}
+    for output in outputs:
+        path = getattr(options, output.name, None)
+        if path is None or (path.exists() and not path.is_file()):
+            continue
+        if (other := seen.setdefault(os.path.realpath(path), output.flags[-1])) != output.flags[-1]:
+            return f"{other} and {output.flags[-1]} name the same file"
+    return ""
 
 
 def write_json(path: Path, values: Any) -> None:
@@ -200,12 +232,17 @@ def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Se
             if not output.one_each or len(made) == 1:
                 output.write(path, made)
             else:
-                for each in made:
-                    output.write(_own_path(path, each), [each])
+                for each, own in zip(made, _own_paths(path, made), strict=True):
+                    output.write(own, [each])
 
 
-def _own_path(path: Path, made: Made) -> Path:
-    """Return the file for one of several objects: its name ends with the object's."""
+def _own_paths(path: Path, made: Sequence[Made]) -> list[Path]:
+    """Return a file for each of several objects: its name ends with the object's, and a number where two are alike."""
     import bpy
 
-    return path.with_stem(f"{path.stem}_{bpy.path.clean_name(made.source.name)}")
+    paths: list[Path] = []
+    for each in made:
+        stem = f"{path.stem}_{bpy.path.clean_name(each.source.name)}"
+        names = (path.with_stem(f"{stem}_{number}" if number > 1 else stem) for number in range(1, len(made) + 1))
+        paths.append(next(name for name in names if name not in paths))
+    return paths

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,13 +14,37 @@ from pathlib import Path
 ROOM = 1 << 16
 """Bytes that must still fit on the disk after a silent writer has finished."""
 
+LONGEST_STEM = 40
+"""Characters of a file's name that its draft's folder has: a name may be as long as the system allows."""
+
+_noted_in: list[Path] = []
+
+
+def scratch_folder() -> Path:
+    """Make a temporary folder for a process, in which it notes the drafts that it leaves if it is killed."""
+    return Path(tempfile.mkdtemp(prefix="sparse_surface_"))
+
+
+def note_drafts(folder: Path) -> None:
+    """Note every draft of this process in a folder from now on, for `remove_drafts`."""
+    _noted_in[:] = [folder]
+
+
+def remove_drafts(folder: Path) -> None:
+    """Remove the drafts that a process has noted in a folder, and the folder."""
+    for note in folder.glob("*.draft"):
+        with contextlib.suppress(OSError):
+            shutil.rmtree(note.read_text(encoding="utf-8"), ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
+
 
 @contextlib.contextmanager
 def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
     """Yield a path to write to; when the block ends well, the file moves to `path`, and when it fails nothing remains.
 
     The draft has the same file name in a temporary folder beside `path`, because exporters write further files
-    (materials, buffers) that refer to each other by name.
+    (materials, buffers) that refer to each other by name.  A file that is replaced keeps its permissions, a symbolic
+    link what it leads to; what is no regular file, a pipe for example, gets the content.
 
     Parameters
     ----------
@@ -30,8 +56,9 @@ def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
     OSError
         When the folder cannot be written, nothing was written, or the disk is full.
     """
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}_", dir=path.absolute().parent))
-    try:
+    goal = Path(os.path.realpath(path))
+    special = goal.exists() and not goal.is_file()
+    with _draft_folder(Path(tempfile.gettempdir()) if special else goal.parent, path.stem) as folder:
         yield folder / path.name
         written = sorted(folder.iterdir())
         if folder / path.name not in written:
@@ -39,9 +66,36 @@ def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
         if silent_writer:
             _check_room(folder)
         for product in written:
-            os.replace(product, path.absolute().parent / product.name)
+            place = goal if product.name == path.name else path.absolute().parent / product.name
+            if special and place == goal:
+                with open(product, "rb") as content, open(goal, "wb") as pipe:
+                    shutil.copyfileobj(content, pipe)
+            else:
+                _replace(product, place)
+
+
+@contextlib.contextmanager
+def _draft_folder(beside: Path, stem: str) -> Iterator[Path]:
+    """Make a folder, noted before it is there, and remove it with what it holds."""
+    token = secrets.token_hex(4)
+    folder = beside / f".{stem[:LONGEST_STEM]}_{token}"
+    notes = [place / f"{token}.draft" for place in _noted_in]
+    for note in notes:
+        note.write_text(str(folder), encoding="utf-8")
+    try:
+        folder.mkdir(mode=0o700)
+        yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+        for note in notes:
+            note.unlink(missing_ok=True)
+
+
+def _replace(product: Path, place: Path) -> None:
+    """Move a file to its place, where it gets the permissions of the one that was there."""
+    with contextlib.suppress(OSError):
+        os.chmod(product, stat.S_IMODE(os.stat(place).st_mode))
+    os.replace(product, place)
 
 
 def _check_room(folder: Path) -> None:

@@ -80,6 +80,12 @@ ERROR_COLOURS = {
 BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}
 READABLE = tuple(BY_ENDING)
 WRITABLE = tuple(ending for ending, kind in BY_ENDING.items() if kind.writer is not None)
+PLAIN = {".ply": "ply", ".obj": "obj", ".stl": "stl", ".off": "off", ".vtk": "vtk", ".vtu": "vtu", ".npz": ""}
+"""Endings of files that are read and written without Blender, and meshio's module for each; .npz needs none."""
+
+ONLY_PLAIN = tuple(ending for ending in PLAIN if ending not in BY_ENDING)
+READABLE, WRITABLE = (*READABLE, *ONLY_PLAIN), (*WRITABLE, *ONLY_PLAIN)
+
 POINTS = tuple(dict.fromkeys((*READABLE, ".xyz")))
 """Endings of files that hold points."""
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.types import Object
 
 from ...solver.atomic_files import atomic_output
 from ...solver.errors import FileFormatError, InputError
+from ..data.attributes import read
+from ..data.meshes import create_mesh, read_polygons, read_positions, to_world
+from ..data.result_keys import ERROR
 from .colours import colours_chosen
-from .formats import BY_ENDING, READABLE, WRITABLE, Format
+from .formats import BY_ENDING, ONLY_PLAIN, READABLE, WRITABLE, Format
+from .plain import PlainMesh, read_plain, write_plain
 
 
 def read_meshes(path: Path) -> list[Object]:
@@ -32,12 +39,16 @@ def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
     """
     if not path.is_file():
         raise InputError(f"There is no file '{path}'.")
+    if path.suffix.lower() in ONLY_PLAIN and "MESH" in kinds:
+        return [_plain_object(path)]
     kind = BY_ENDING.get(path.suffix.lower())
     if kind is None:
         raise FileFormatError(f"'{path.name}' is not a kind of file that can be read ({', '.join(READABLE)}).")
     bpy.ops.wm.read_homefile(use_empty=True)
     try:
-        outcome = _operator(kind, kind.reader)(filepath=str(path), **kind.reading)
+        with _quiet():
+            # Absolute: Blender would look in the folder that the environment names, which may be another.
+            outcome = _operator(kind, kind.reader)(filepath=str(path.absolute()), **kind.reading)
     except RuntimeError as error:  # how Blender's operators report their errors
         raise FileFormatError(f"'{path.name}' cannot be read: {_first_line(error)}.") from error
     found = [candidate for candidate in bpy.context.scene.objects if candidate.type in kinds]
@@ -76,6 +87,9 @@ def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "re
     OSError
         When the folder cannot be written.
     """
+    if path.suffix.lower() in ONLY_PLAIN:
+        write_plain(path, _joined(objects))
+        return
     kind = BY_ENDING.get(path.suffix.lower())
     if kind is None or kind.writer is None:
         raise FileFormatError(f"'{path.name}' is not a kind of file that can be written ({', '.join(WRITABLE)}).")
@@ -84,9 +98,36 @@ def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "re
         other.select_set(other in objects)
     with atomic_output(path, silent_writer=True) as draft, colours_chosen(objects, error_colours, kind):
         try:
-            _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
+            with _quiet():
+                _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
         except RuntimeError as error:
             raise OSError(_first_line(error)) from error
+
+
+def _plain_object(path: Path) -> Object:
+    found = read_plain(path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    made = bpy.data.objects.new(path.stem, create_mesh(path.stem, found.vertices, found.corners, found.sizes))
+    bpy.context.scene.collection.objects.link(made)
+    bpy.context.view_layer.update()
+    return made
+
+
+def _joined(objects: Sequence[Object]) -> PlainMesh:
+    """Return objects as one mesh in the world, with their errors."""
+    bpy.context.view_layer.update()
+    points = [to_world(each, read_positions(each.data)) for each in objects]
+    corners, sizes = zip(*(read_polygons(each.data) for each in objects), strict=True)
+    starts = np.cumsum([0, *map(len, points[:-1])])
+    joined = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])
+    whole = all(ERROR in each.data.attributes for each in objects)
+    values = {ERROR: np.concatenate([read(each.data, ERROR) for each in objects])} if whole else {}
+    return PlainMesh(np.concatenate(points), joined, np.concatenate(sizes), values)
+
+
+def _quiet() -> contextlib.redirect_stdout[io.StringIO]:
+    """Keep Blender's reports to itself: it calls what it cannot find beside a mesh an error, and all is well."""
+    return contextlib.redirect_stdout(io.StringIO())
 
 
 def _operator(kind: Format, names: Sequence[str]) -> Any:

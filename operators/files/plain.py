@@ -1,0 +1,142 @@
+"""Meshes read and written without Blender: arrays in .npz, and what meshio (an optional package) reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...solver.atomic_files import atomic_output
+from ...solver.errors import FileFormatError, InputError
+from .formats import PLAIN
+
+ARRAYS = ".npz"
+NO_MESHIO = "'{}' is read and written with {}meshio, which is not installed (pip install meshio)."
+
+_FACES = {"triangle": 3, "quad": 4, "polygon": 0}
+
+
+@dataclass(frozen=True)
+class PlainMesh:
+    """A polygon mesh: positions (V, 3), corners (C,), corners of each face (F,), and values of the vertices by name."""
+
+    vertices: NDArray[np.floating[Any]]
+    corners: NDArray[np.integer[Any]]
+    sizes: NDArray[np.integer[Any]]
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def polygons(self) -> list[NDArray[np.integer[Any]]]:
+        """Return the faces one by one."""
+        return np.split(self.corners, np.cumsum(self.sizes)[:-1]) if len(self.sizes) else []
+
+
+def read_plain(path: Path) -> PlainMesh:
+    """Read a file.
+
+    Raises
+    ------
+    InputError
+        When it is missing or holds no faces.
+    FileFormatError
+        When it is of another kind, or cannot be read.
+    """
+    if not path.is_file():
+        raise InputError(f"There is no file '{path}'.")
+    try:
+        found = _read_arrays(path) if path.suffix.lower() == ARRAYS else _read_by_meshio(path)
+    except FileFormatError:
+        raise
+    except Exception as error:  # whatever the reader stumbles over in a file that is not what its name says
+        raise FileFormatError(f"'{path.name}' cannot be read: {_first_line(error)}.") from error
+    if not len(found.sizes):
+        raise InputError(f"'{path.name}' holds no mesh with faces.")
+    return found
+
+
+def write_plain(path: Path, mesh: PlainMesh) -> None:
+    """Write a file; it appears when it is complete.
+
+    Raises
+    ------
+    FileFormatError
+        When it is of a kind that cannot be written.
+    OSError
+        When the folder cannot be written.
+    """
+    if path.suffix.lower() == ARRAYS:
+        with atomic_output(path) as draft, open(draft, "wb") as file:
+            own: dict[str, Any] = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
+            np.savez_compressed(file, **own, **mesh.values)
+        return
+    meshio, format_module = _format(path)
+    with atomic_output(path) as draft:
+        try:
+            format_module.write(draft, _for_meshio(meshio, mesh, path.suffix.lower()))
+        except (meshio.WriteError, ValueError, KeyError) as error:
+            raise FileFormatError(f"'{path.name}' cannot be written: {_first_line(error)}.") from error
+
+
+def _read_arrays(path: Path) -> PlainMesh:
+    """Read `vertices` (V, 3) with `faces` (F, n), or with `corners` and `sizes`."""
+    with np.load(path, allow_pickle=False) as stored:
+        if "faces" in stored:
+            faces = np.atleast_2d(stored["faces"])
+            corners, sizes = faces.ravel(), np.full(len(faces), faces.shape[1])
+        else:
+            corners, sizes = stored["corners"], stored["sizes"]
+        return PlainMesh(stored["vertices"], corners, sizes)
+
+
+def _read_by_meshio(path: Path) -> PlainMesh:
+    _, format_module = _format(path)
+    found = format_module.read(path)
+    blocks = [block for block in found.cells if block.type in _FACES and len(block.data)]
+    rows = [np.asarray(row) for block in blocks for row in block.data]
+    points = np.asarray(found.points, dtype=np.float64)
+    if points.shape[1] == 2:  # flat meshes
+        points = np.column_stack([points, np.zeros(len(points))])
+    corners = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+    sizes = np.array([len(row) for row in rows], dtype=np.int64)
+    values = {name: np.asarray(array) for name, array in found.point_data.items()}
+    return PlainMesh(points, corners, sizes, values)
+
+
+def _for_meshio(meshio: Any, mesh: PlainMesh, ending: str) -> Any:
+    """Return the mesh as meshio has it: a block for each run of faces with as many corners."""
+    polygons, cells = mesh.polygons(), []
+    change = np.flatnonzero(np.diff(mesh.sizes)) + 1
+    names = {number: name for name, number in _FACES.items()}
+    for first, end in zip([0, *change], [*change, len(polygons)], strict=True):
+        cells.append((names.get(len(polygons[first]), "polygon"), np.stack(polygons[first:end])))
+    if ending in (".stl", ".off"):  # formats of triangles
+        cells = [("triangle", _fans(polygons))]
+    values = {} if ending in (".stl", ".off", ".obj") else dict(mesh.values)
+    return meshio.Mesh(np.asarray(mesh.vertices, dtype=np.float64), cells, point_data=values)
+
+
+def _fans(polygons: list[NDArray[np.integer[Any]]]) -> NDArray[np.int64]:
+    """Cut polygons into the triangles around their first corner."""
+    triangles = [np.stack([np.full(len(p) - 2, p[0]), p[1:-1], p[2:]], axis=1) for p in polygons]
+    return np.concatenate(triangles).astype(np.int64)
+
+
+def _format(path: Path) -> tuple[Any, Any]:
+    """Return meshio and its module for a kind of file."""
+    name = PLAIN.get(path.suffix.lower())
+    if not name:
+        raise FileFormatError(f"'{path.name}' is not a kind of file that can be used here ({', '.join(PLAIN)}).")
+    if find_spec("meshio") is None:
+        also = "" if find_spec("bpy") else "Blender (pip install bpy) or "
+        raise FileFormatError(NO_MESHIO.format(path.name, also))
+    # imported where it is needed: it is an optional package
+    return import_module("meshio"), import_module(f"meshio.{name}")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
