@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
 from ..fitting.chunks import PatchFit
+from ..mesh.objects import given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
 from ..patches.patches import Patches
@@ -39,8 +40,8 @@ SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
 
 
 def approximate(
-    vertices: ArrayLike,
-    faces: ArrayLike | list[list[int]],
+    vertices: Any,
+    faces: ArrayLike | list[list[int]] | None = None,
     settings: Settings | None = None,
     *,
     triangles: tuple[Indices, Indices] | None = None,
@@ -59,6 +60,8 @@ def approximate(
     ----------
     vertices
         (V, 3), scene units.  The result has the same floating-point type, and errors are measured on it.
+        Without `faces`: a pair of vertices and faces, a mesh of trimesh, PyVista, Open3D or meshio, or a file that
+        trimesh or meshio reads; `result.as_()` gives back what was given, with the surface's vertices.
     faces
         (F, n) vertex numbers, or a list of polygons.
     settings
@@ -88,8 +91,11 @@ def approximate(
     >>> result.vertices.shape == vertices.shape, result.error.shape == (len(vertices),)
     (True, True)
     """
-    steps = approximate_steps(vertices, faces, settings, triangles=triangles, weights=weights, executor=executor)
-    return run_to_end(steps, report)
+    given = given_mesh(vertices, faces)
+    steps = approximate_steps(
+        given.vertices, given.faces, settings, triangles=triangles, weights=weights, executor=executor
+    )
+    return replace(run_to_end(steps, report), given=given)
 
 
 def approximate_steps(

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
+from ..errors import InputError
+from ..mesh.objects import Given
+from ..mesh.plotting import plot
 from .report import Report
 
 if TYPE_CHECKING:
@@ -39,6 +42,8 @@ class Approximation:
         `Settings.keep_iterations`.
     creases
         Edges that the optimisation treats as creases, pairs of vertices (E, 2); None unless `Settings.mark_creases`.
+    given
+        The mesh as `approximate` was given it.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -49,6 +54,46 @@ class Approximation:
     representation: Representation
     history: Array | None = None
     creases: Indices | None = None
+    given: Given | None = None
+
+    def as_(self, kind: str | None = None) -> Any:
+        """Return the mesh that was given, with the surface's vertices.
+
+        Parameters
+        ----------
+        kind
+            "arrays" (vertices and faces), "trimesh", "pyvista", "open3d" or "meshio"; as it was given where None.
+
+        Raises
+        ------
+        InputError
+            When there is no such kind, or the library is not installed.
+
+        Examples
+        --------
+        >>> from sparse_surface.solver import approximate
+        >>> smooth_vertices, same_faces = approximate((vertices, faces)).as_()
+        >>> smooth_vertices.shape == vertices.shape
+        True
+        """
+        if self.given is None:
+            raise InputError("This result does not know its mesh: it was made step by step, or by another process.")
+        return self.given.back(self.vertices, kind)
+
+    def plot(self) -> Any:
+        """Draw the surface, coloured by its distance from the input, with PyVista or else Matplotlib.
+
+        Returns
+        -------
+        The `pyvista.Plotter`, or the `matplotlib.figure.Figure`; its `show` opens a window.
+
+        Raises
+        ------
+        InputError
+            When neither is installed.
+        """
+        surface = self.representation
+        return plot(self.vertices, surface.triangles, self.error)
 
     @cached_property
     def report(self) -> dict[str, Any]:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
-from ..errors import SettingsError
+from ..errors import InputError, SettingsError
 from ..mesh.normals import normals_and_areas
+from ..mesh.objects import Given, given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, run_to_end, within
@@ -67,6 +68,8 @@ class Denoised:
         `noise_level` over the mean edge length.
     displacement
         How far each vertex moved, (V,), in scene units.
+    given
+        The mesh as `denoise` was given it.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -74,11 +77,18 @@ class Denoised:
     estimated_noise_level: float
     relative_noise: float
     displacement: Array
+    given: Given | None = None
+
+    def as_(self, kind: str | None = None) -> Any:
+        """Return the mesh that was given, with the denoised vertices; see `Approximation.as_`."""
+        if self.given is None:
+            raise InputError("This result does not know its mesh: it was made step by step.")
+        return self.given.back(self.vertices, kind)
 
 
 def denoise(
-    vertices: ArrayLike,
-    faces: ArrayLike | list[list[int]],
+    vertices: Any,
+    faces: ArrayLike | list[list[int]] | None = None,
     *,
     noise_level: float | None = None,
     strength: float = 1.0,
@@ -95,7 +105,8 @@ def denoise(
     Parameters
     ----------
     vertices
-        (V, 3) positions in scene units.
+        (V, 3) positions in scene units; without `faces` a pair, a mesh of another library or a file, as in
+        `approximate`.
     faces
         (F, n) vertex numbers, or a list of polygons.
     noise_level
@@ -127,8 +138,9 @@ def denoise(
     >>> bool(denoised.displacement.max() <= 3.5 * denoised.noise_level * (1 + 1e-9))
     True
     """
-    steps = denoise_steps(vertices, faces, noise_level=noise_level, strength=strength, triangles=triangles)
-    return run_to_end(steps, report)
+    given = given_mesh(vertices, faces)
+    steps = denoise_steps(given.vertices, given.faces, noise_level=noise_level, strength=strength, triangles=triangles)
+    return replace(run_to_end(steps, report), given=given)
 
 
 def denoise_steps(

@@ -89,20 +89,22 @@ class Distances:
     report: dict[str, Any]
 
 
-def distance(a: Surface, b: Surface, settings: DistanceSettings | None = None) -> Distances:
+def distance(a: Any, b: Any, settings: DistanceSettings | None = None) -> Distances:
     """Measure the distances between two surfaces.
 
     Parameters
     ----------
     a, b
-        Meshes or point clouds in the same unit of length: `Surface.of(vertices, triangles)`.
+        Meshes or point clouds in the same unit of length: a `Surface`, points (N, 3), a pair of vertices and faces, a
+        mesh of trimesh, PyVista, Open3D or meshio, or a file.
 
     Raises
     ------
     InputError
         When signs are asked for and B is a point cloud, or a surface is too small to be aligned.
     """
-    return run_to_end(distance_steps(a, b, settings))
+    one, other = (Surface.from_object(surface) for surface in (a, b))
+    return run_to_end(distance_steps(one, other, settings))
 
 
 def distance_steps(a: Surface, b: Surface, settings: DistanceSettings | None = None) -> Steps[Distances]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Indices
 from ..errors import InputError
-from ..mesh.input_checks import checked_vertices
+from ..mesh.input_checks import checked_faces, checked_vertices
 from ..mesh.normals import normals_and_areas
+from ..mesh.objects import given_mesh
+from ..mesh.triangulation import triangulate
 from .signs import Sides
 from .targets import PointTarget, Target, TriangleTarget
 
@@ -53,6 +56,24 @@ class Surface:
             if not len(rows):
                 raise InputError("The mesh has no area.")
         return cls(points, rows)
+
+    @classmethod
+    def from_object(cls, surface: Any) -> Surface:
+        """Take a surface, points (N, 3), or what `given_mesh` takes.
+
+        Raises
+        ------
+        InputError
+            When it is none of them.
+        """
+        if isinstance(surface, Surface):
+            return surface
+        if isinstance(surface, np.ndarray):
+            return cls.of(surface)
+        given = given_mesh(surface)
+        points = checked_vertices(given.vertices)
+        corners, offsets = checked_faces(given.faces, len(points))
+        return cls.of(points, triangulate(points, corners, offsets)[0])
 
     @property
     def is_mesh(self) -> bool:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,7 @@ from ..approximation.runner import ChunkRunner, chunk_runner
 from ..arrays import Array
 from ..errors import InputError
 from ..mesh.closest_points import Footpoints
+from ..mesh.objects import given_mesh
 from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Progress, Steps, run_to_end, within
@@ -66,8 +68,8 @@ OUTLIER_WEIGHT = 0.1
 
 def reconstruct(
     points: ArrayLike,
-    base_vertices: ArrayLike,
-    base_faces: ArrayLike | Sequence[Sequence[int]],
+    base_vertices: Any,
+    base_faces: ArrayLike | Sequence[Sequence[int]] | None = None,
     settings: Settings | None = None,
     cloud: CloudSettings | None = None,
     *,
@@ -83,7 +85,8 @@ def reconstruct(
     points
         (P, 3), scene units.
     base_vertices, base_faces
-        A coarse mesh near the points: (V, 3), and (F, n) vertex numbers or a list of polygons.
+        A coarse mesh near the points: (V, 3), and (F, n) vertex numbers or a list of polygons; without faces a pair, a
+        mesh of another library or a file, as in `approximate`.
     settings
         How patches are fitted; `Settings.ring` is ignored, and a tolerance is only compared with the result.
     cloud
@@ -105,7 +108,8 @@ def reconstruct(
     >>> result.error.shape == (len(points),)
     True
     """
-    return run_to_end(reconstruct_steps(points, base_vertices, base_faces, settings, cloud, executor=executor), report)
+    base = given_mesh(base_vertices, base_faces)
+    return run_to_end(reconstruct_steps(points, base.vertices, base.faces, settings, cloud, executor=executor), report)
 
 
 def reconstruct_steps(

@@ -20,6 +20,7 @@ DAMPING, LONGEST_STEP, EXPECTED = 1e-3, 0.1, 0.5
 FAR = 0.02
 """A longer first step is followed by a second."""
 
+LARGEST_START = 1e4
 ANYWHERE = 1.0
 """How far off a domain may be that no neighbour predicts."""
 
@@ -117,6 +118,7 @@ def code_domains(
     share, height = (part[:, cover.mesh_triangles].ravel() for part in (shapes.share, shapes.height))
 
     def settle(places: Indices, start: Array, expected: Array, size: Array) -> None:
+        start = np.where(np.abs(start) <= LARGEST_START, start, 0.0)  # collapsed triangles suggest anything
         nearest, speed = _towards(functions, patch[places], start, target[places])
         far = np.flatnonzero((np.abs(nearest - start) > FAR).any(axis=1))
         nearest[far], speed[far] = _towards(functions, patch[places[far]], nearest[far], target[places[far]])

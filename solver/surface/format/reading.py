@@ -171,6 +171,9 @@ def _read_functions(blocks: BlockReader, sizes: Sizes, dictionary: Dictionary, m
         coefficients[chosen] = reader.take(degrees_of(support[chosen]))
         coefficients *= coefficient_steps(scales, step, support)
     demand_range(support + 1, dictionary.size + 1, "a function is not in its dictionary")
+    demand(((scales >= 1e-60) & (scales <= 1e60)).all(), "a scale is too small, too large or not finite")
+    demand((np.abs(coefficients) <= 1e12).all(), "a coefficient is too large or not finite")
+    demand((np.abs(origins) <= 1e60).all(), "an origin is too far away or not finite")
     return {"origins": origins, "scales": scales, "support": support, "coefficients": coefficients}
 
 
