@@ -12,6 +12,11 @@ Indices = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 
+def has_masked(values: object) -> bool:
+    """Whether an array has masked values, which NumPy's functions would take for values like others."""
+    return isinstance(values, np.ma.MaskedArray) and bool(np.any(values.mask))
+
+
 def offsets_of(sizes: Indices) -> Indices:
     """Return where rows of the given sizes, (K,), start and end: (K + 1,), from 0."""
     offsets = np.zeros(len(sizes) + 1, dtype=np.int64)

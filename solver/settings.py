@@ -55,6 +55,9 @@ class _Checked:
 
     def __post_init__(self) -> None:
         for item in fields(self):
+            value = getattr(self, item.name)
+            if hasattr(value, "dtype") and getattr(value, "shape", None) == ():  # a number of NumPy's
+                object.__setattr__(self, item.name, value.item())
             check_value(item.name, getattr(self, item.name), item.metadata, type(item.default))
 
     def as_dict(self) -> dict[str, Any]:
@@ -228,6 +231,19 @@ class Settings(_Checked):
         if found.pursuit == "sklearn" and find_spec("sklearn") is None:
             raise SettingsError("The pursuit 'sklearn' needs scikit-learn, which is not installed.")
         return found
+
+    @classmethod
+    def given(cls, settings: Settings | None) -> Settings:
+        """Return the settings, or the defaults where there are none.
+
+        Raises
+        ------
+        SettingsError
+            When they are something else, a dictionary for example.
+        """
+        if settings is not None and not isinstance(settings, Settings):
+            raise SettingsError(f"The settings must be made by Settings(...), not {settings!r}.")
+        return settings or cls()
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Settings:

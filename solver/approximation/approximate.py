@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
 from ..fitting.chunks import PatchFit
+from ..mesh.input_checks import as_positions
 from ..mesh.objects import given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
@@ -108,8 +109,8 @@ def approximate_steps(
     executor: Executor | None = None,
 ) -> Steps[Approximation]:
     """`approximate` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
-    settings, watch = (settings or Settings()).resolved(), Stopwatch()
-    given = MeshInput(np.asarray(vertices), faces, triangles, weights)
+    settings, watch = Settings.given(settings).resolved(), Stopwatch()
+    given = MeshInput(as_positions(vertices), faces, triangles, weights)
     welded = held_together(given, settings)
     given = given if welded is None else welded.mesh
     vertex_count = len(given.positions) if given.positions.ndim else 0

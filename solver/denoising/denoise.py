@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
 from ..errors import InputError, SettingsError
+from ..mesh.input_checks import as_positions
 from ..mesh.normals import normals_and_areas
 from ..mesh.objects import Given, given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
@@ -153,7 +154,7 @@ def denoise_steps(
 ) -> Steps[Denoised]:
     """`denoise` as a generator of `Progress`; closing it cancels, and after `FINISH` it fits fewer patches."""
     _check(noise_level, strength)
-    given = np.asarray(vertices)
+    given = as_positions(vertices)
     return (yield from on_one_thread(_denoised(given, build_mesh(given, faces, triangles), noise_level, strength)))
 
 

@@ -4,24 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import chain
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, Indices, offsets_of
+from ..arrays import Array, Indices, has_masked, offsets_of
 from ..errors import InputError
 from .normals import triangle_areas
+
+NOT_THREE = "The vertices must be an array of three numbers each."
 
 LARGEST_COORDINATE = 1e60
 """Squared areas still have to be finite."""
 
 
+def as_positions(vertices: ArrayLike) -> NDArray[Any]:
+    """Return the vertices as an array of the type that they have.
+
+    Raises
+    ------
+    InputError
+        When their rows differ in length.
+    """
+    try:
+        return np.asanyarray(vertices)
+    except ValueError:
+        raise InputError(NOT_THREE) from None
+
+
 def checked_vertices(vertices: ArrayLike) -> Array:
+    if has_masked(vertices):
+        raise InputError("The vertices are an array with masked values; fill them or leave them out first.")
     try:
         points = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("The vertices must be an array of three numbers each.") from None
+        raise InputError(NOT_THREE) from None
     if points.size == 0:
         raise InputError("The mesh is empty: it has no vertices.")
     if points.ndim != 2 or points.shape[1] != 3:
@@ -36,6 +54,8 @@ def checked_vertices(vertices: ArrayLike) -> Array:
 
 def checked_faces(faces: ArrayLike | Sequence[Sequence[int]], vertex_count: int) -> tuple[Indices, Indices]:
     """Return the faces as one row of corners and offsets into it."""
+    if has_masked(faces):
+        raise InputError("The faces are an array with masked values; leave them out first.")
     if isinstance(faces, np.ndarray) and faces.dtype != object:
         array = _checked_indices(faces, "faces")
         if array.ndim != 2 and array.size:

@@ -12,7 +12,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, has_masked
 from ..errors import InputError
 from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
@@ -36,7 +36,12 @@ def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
     """
     if weights is None:
         return None
-    checked = np.asarray(weights, dtype=np.float64)
+    try:
+        checked = np.asarray(weights, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("The weights must be one number from 0 to 1 for each vertex.") from None
+    if has_masked(weights):
+        raise InputError("The weights are an array with masked values; fill them first.")
     if checked.shape != (vertices,) or not ((checked >= 0.0) & (checked <= 1.0)).all():
         raise InputError("The weights must be one number from 0 to 1 for each vertex.")
     return None if (checked == 1.0).all() else checked

@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 import scipy.linalg  # noqa: F401  its BLAS has to be loaded before threads are counted
+import threadpoolctl
 from threadpoolctl import ThreadpoolController
 
 from ..progress import Steps, relayed
@@ -25,6 +26,13 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
+def _take_control() -> None:
+    """Let this thread change the limit: from 3.8 on threadpoolctl lets only that one which set it before."""
+    clear = getattr(getattr(threadpoolctl, "OpenBLASController", None), "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)
+
+
 class _Limit:
     """The limit, from the first of overlapping contexts to the last: it holds for all threads of the process."""
 
@@ -34,6 +42,7 @@ class _Limit:
     def __enter__(self) -> None:
         with self._lock:
             if not self._contexts:
+                _take_control()
                 self._set.enter_context(_libraries().limit(limits=1, user_api="blas"))
             self._contexts += 1
 
@@ -41,6 +50,7 @@ class _Limit:
         with self._lock:
             self._contexts -= 1
             if not self._contexts:
+                _take_control()
                 self._set.close()
 
 
