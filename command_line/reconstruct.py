@@ -6,15 +6,19 @@ import argparse
 import dataclasses
 
 import bpy
+import numpy as np
 
 from ..operators.data.colours import ColourScale
 from ..operators.data.points import read_cloud
 from ..operators.data.report_text import one_line
 from ..operators.data.results import create_surface
+from ..operators.files.formats import ONLY_PLAIN
 from ..operators.files.points import create_base, read_base, read_points
+from ..operators.files.shifted import SHIFTERS
 from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
+from ..solver.surface.representation import Representation
 from .outputs import Made, write_outputs
 from .progress import progress_display
 
@@ -22,7 +26,7 @@ from .progress import progress_display
 def run(options: argparse.Namespace) -> None:
     """Make a surface from the points of the file, then write what was asked for."""
     arrays = read_base(options.base) if options.base else None
-    points = read_points(options.input, options.object)
+    points = read_points(options.input, options.object, shift=True)
     base = create_base(*arrays, options.base.stem) if arrays else None
     source = read_cloud(bpy.context, points, base, options.base_vertices or 0, options.cloud, options.resample or 0)
     with progress_display(points.name) as show:
@@ -32,6 +36,25 @@ def run(options: argparse.Namespace) -> None:
     if options.domain_maps:
         write_domain_maps(surface)
     print(one_line(points.name, outcome.report), flush=True)
+    _say_where(options, source.arrays.shift)
     # The surface has the resolution that was asked for already.
-    made = Made(options.input, points, surface, outcome.report, outcome.representation)
+    made = Made(
+        options.input, points, surface, outcome.report, _given_back(outcome.representation, source.arrays.shift)
+    )
     write_outputs(options, [dataclasses.replace(made, error_colours=options.error_colors)])
+
+
+def _given_back(representation: Representation, shift: tuple[float, float, float]) -> Representation:
+    """Move a representation to where the points were in their file: it holds double precision."""
+    if not any(shift):
+        return representation
+    vertices, origins = representation.vertices + np.array(shift), representation.origins + np.array(shift)
+    return dataclasses.replace(representation, vertices=vertices, origins=origins)
+
+
+def _say_where(options: argparse.Namespace, shift: tuple[float, float, float]) -> None:
+    """Say that a kind of file without double precision keeps the shifted coordinates."""
+    ending = options.output.suffix.lower() if options.output else ""
+    if any(shift) and ending and ending not in (*SHIFTERS, *ONLY_PLAIN):
+        place = " ".join(f"{value:.12g}" for value in shift)
+        print(f"{options.output.name} holds single precision: its coordinates are relative to {place}", flush=True)

@@ -13,20 +13,22 @@ from .run.poll import needs, no_run, object_mode
 
 
 class SPARSE_SURFACE_OT_import_points(FileReader, Operator):
-    """Read the points of .xyz files (three numbers a line) and of .obj files, for Reconstruct"""
+    """Read the points of .xyz, .txt, .csv, .asc, .pts, .pcd, .las, .laz, .e57 and .obj files, for Reconstruct"""
 
     bl_idname = "sparse_surface.import_points"
     bl_label = "Import Points"
     bl_options = {"REGISTER", "UNDO"}
 
-    filter_glob: StringProperty(default="*.xyz;*.obj", options={"HIDDEN"})
+    filter_glob: StringProperty(
+        default="*.xyz;*.txt;*.csv;*.asc;*.pts;*.pcd;*.las;*.laz;*.e57;*.obj", options={"HIDDEN"}
+    )
 
     poll = needs(object_mode, no_run)
 
     def read(self, path: Path, context: Context) -> Object:
         """Make a mesh of nothing but vertices."""
-        from .files.points import new_object, points_of_text  # NumPy-heavy: enabling the add-on loads this module
+        from .files.points import import_points  # NumPy-heavy: enabling the add-on loads this module
 
-        made = new_object(path.stem, points_of_text(path))
+        made = import_points(path, shift=True)
         self.report({"INFO"}, rpt_("'{}': {} points").format(made.name, len(made.data.vertices)))
         return made

@@ -76,6 +76,8 @@ class CloudArrays:
         Wanted number of vertices of a base that is made; 0: one for every sixty points.
     shift
         What was subtracted from all coordinates before, so that single precision holds them.
+    colours
+        Of the points, (P, 4), or None where they have none.
     """
 
     points: NDArray[np.float32]
@@ -86,6 +88,7 @@ class CloudArrays:
     splits: int = 0
     base_count: int = 0
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    colours: NDArray[np.float32] | None = None
 
     @classmethod
     def of_points(
@@ -129,6 +132,8 @@ class CloudOutcome:
         What evaluates the surface anywhere.
     made_base
         The base if it was made from the points: positions (V, 3) and triangles (T, 3).
+    colours
+        Colours of the points around each vertex, (P, 4), where they have some.
     """
 
     vertices: NDArray[np.float32]
@@ -143,6 +148,7 @@ class CloudOutcome:
     report: dict[str, Any]
     representation: Representation
     made_base: tuple[NDArray[np.float32], NDArray[np.int32]] | None = None
+    colours: NDArray[np.float32] | None = None
     history: None = None
 
 

@@ -531,7 +531,7 @@ def test_reconstruct_without_a_base_writes_everything(tmp_path: Path) -> None:
         ("0 0 0\n1 0 0\n0 1 0\n", (), 1, "A surface needs at least 4 points; there are 3."),
         ("0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 1 0\n", (), 1, "All the points lie in one plane: choose a base mesh for them."),
         ("# nothing\n", (), 1, "'scan.xyz' holds no points."),
-        ("0 0 0\none two three\n", (), 1, "cannot be read: a line does not begin with three numbers."),
+        ("0 0 0\none two three\n", (), 1, "line 2, 'one two three', does not have three numbers."),
         ("0 0 0\n1 0 0\nnan 1 0\n1 1 1\n", (), 1, "A surface needs at least 4 points; of 4 only 3 can be used."),
         ("0 0 0\n1 0 0\n", ("--base", "there is none.obj"), 1, "There is no file"),
         ("0 0 0\n1 0 0\n", ("--base", "base.obj", "--base-vertices", "9"), 2, "not allowed with argument"),
@@ -604,3 +604,22 @@ def test_a_seam_of_doubled_vertices_stays_closed(tmp_path: Path) -> None:
         assert "held together with others" not in done.stdout
         assert not np.array_equal(read_obj(out)[0][shared], read_obj(out)[0][own[shared]])
     assert run("approximate", model, "-o", out, "--merge-distance", "near").returncode == 2
+
+
+def test_large_coordinates_keep_their_decimals(tmp_path: Path) -> None:
+    place = np.array([500_000.0, 5_600_000.0, 200.0])
+    random = np.random.default_rng(0).uniform(size=(1500, 2))
+    hill = 40.0 * np.column_stack([random, 0.1 * np.sin(5.0 * random[:, 0]) * np.cos(4.0 * random[:, 1])])
+    local, far = tmp_path / "local.xyz", tmp_path / "far.csv"
+    np.savetxt(local, hill, fmt="%.4f")
+    np.savetxt(far, hill + place, fmt="%.4f", delimiter=",", header="x,y,z", comments="")
+    for path in (local, far):
+        done = run("reconstruct", path, "-o", path.with_suffix(".obj"), "--report", path.with_suffix(".json"), *QUICK)
+        assert done.returncode == 0, done.stderr
+    near, moved = (read_obj(path.with_suffix(".obj"))[0] for path in (local, far))
+    assert json.loads(far.with_suffix(".json").read_text())["input"]["shift"] == pytest.approx(place, abs=25.0)
+    height = 4.0 * np.sin(near[:, 0] / 8.0) * np.cos(near[:, 1] / 10.0) - near[:, 2]
+    back = moved - place
+    again = 4.0 * np.sin(back[:, 0] / 8.0) * np.cos(back[:, 1] / 10.0) - back[:, 2]
+    assert np.sqrt((again**2).mean()) < 1.05 * np.sqrt((height**2).mean())
+    assert len(np.unique(moved[:, 1])) > 0.9 * len(moved)

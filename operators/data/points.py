@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bpy.app.translations import pgettext_rpt as rpt_
@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from ...solver.errors import InputError
 from ...solver.interchange import CloudArrays
 from ...solver.settings import CloudSettings
-from .attributes import read
+from .attributes import own_colours, read
 from .meshes import WorldLengths, check_is_mesh, read_polygons, read_positions
+from .result_keys import SHIFT
+
+COLOURS = "Col"
+"""Colours of points read from a file that holds no names."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,19 @@ def read_cloud(
         arrays = CloudArrays.of_points(positions, cloud, splits, base_vertices)
     else:
         arrays = CloudArrays(positions, *_read_base(base, points, lengths, depsgraph), cloud, splits)
+    x, y, z = points.get(SHIFT, (0.0, 0.0, 0.0))
+    arrays = replace(arrays, shift=(x, y, z), colours=_colours(points, len(positions)))
     return CloudSource(points.name, points.session_uid, arrays, lengths)
+
+
+def _colours(points: Object, count: int) -> NDArray[np.float32] | None:
+    """Colours that the user's points have, linear (P, 4)."""
+    if points.type != "MESH":
+        return None
+    for name in own_colours(points.data):
+        if points.data.color_attributes[name].domain == "POINT" and len(points.data.vertices) == count:
+            return read(points.data, name)
+    return None
 
 
 def _read_base(

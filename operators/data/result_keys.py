@@ -29,6 +29,9 @@ WITH_MODIFIERS = "sparse_surface_with_modifiers"
 MADE_FROM = "sparse_surface_made_from"
 """Custom property of the objects of a reconstruction: the name of the points' object."""
 
+SHIFT = "sparse_surface_shift"
+"""Custom property of points and their surface: what was subtracted from the coordinates of the file, (3,)."""
+
 EARLY = "sparse_surface_early"
 """Custom property of a result object while its surface is being solved: the session number of its source."""
 

@@ -17,6 +17,7 @@ from .colours import ColourScale
 from .meshes import Source, create_mesh, mark_sharp, same_topology, set_positions
 from .objects import create_object, find_object
 from .origins import BASE, POINT_ERRORS, RESULT
+from .points import COLOURS
 from .result_keys import (
     DOMAIN_STRETCH,
     ERROR,
@@ -26,6 +27,7 @@ from .result_keys import (
     REPORT,
     REPRESENTATION,
     SCALE,
+    SHIFT,
     SPLITS,
     STRETCH,
     WEIGHT,
@@ -89,6 +91,10 @@ def create_surface(
     mesh = create_mesh(name, source.lengths.to_local(result.vertices), result.corners, result.sizes)
     _shade_smooth(mesh)
     made = _beside_points(context, points, name, mesh, RESULT, replace)
+    if result.colours is not None:
+        attributes.write(mesh, {COLOURS: result.colours}, {COLOURS: ("FLOAT_COLOR", "POINT")})
+    if SHIFT in points:
+        made[SHIFT] = list(points[SHIFT])
     made[SPLITS] = [result.splits, len(result.vertices), len(result.sizes)]
     _put(made, source, result, scale)
     return made

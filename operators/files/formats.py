@@ -86,7 +86,7 @@ PLAIN = {".ply": "ply", ".obj": "obj", ".stl": "stl", ".off": "off", ".vtk": "vt
 ONLY_PLAIN = tuple(ending for ending in PLAIN if ending not in BY_ENDING)
 READABLE, WRITABLE = (*READABLE, *ONLY_PLAIN), (*WRITABLE, *ONLY_PLAIN)
 
-POINTS = tuple(dict.fromkeys((*READABLE, ".xyz")))
+POINTS = tuple(dict.fromkeys((*READABLE, ".xyz", ".txt", ".csv", ".asc", ".pts", ".pcd", ".las", ".laz", ".e57")))
 """Endings of files that hold points."""
 
 

@@ -16,10 +16,11 @@ from ...solver.atomic_files import atomic_output
 from ...solver.errors import FileFormatError, InputError
 from ..data.attributes import read
 from ..data.meshes import create_mesh, read_polygons, read_positions, to_world
-from ..data.result_keys import ERROR
+from ..data.result_keys import ERROR, SHIFT
 from .colours import colours_chosen
 from .formats import BY_ENDING, ONLY_PLAIN, READABLE, WRITABLE, Format
 from .plain import PlainMesh, read_plain, write_plain
+from .shifted import give_back_shift
 
 
 def read_meshes(path: Path) -> list[Object]:
@@ -102,6 +103,9 @@ def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "re
                 _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
         except RuntimeError as error:
             raise OSError(_first_line(error)) from error
+        shift = next((np.array(each[SHIFT]) for each in objects if SHIFT in each), None)
+        if shift is not None:
+            give_back_shift(draft, path.suffix.lower(), shift)
 
 
 def _plain_object(path: Path) -> Object:
@@ -116,7 +120,7 @@ def _plain_object(path: Path) -> Object:
 def _joined(objects: Sequence[Object]) -> PlainMesh:
     """Return objects as one mesh in the world, with their errors."""
     bpy.context.view_layer.update()
-    points = [to_world(each, read_positions(each.data)) for each in objects]
+    points = [to_world(each, read_positions(each.data)) + np.array(each.get(SHIFT, (0.0,) * 3)) for each in objects]
     corners, sizes = zip(*(read_polygons(each.data) for each in objects), strict=True)
     starts = np.cumsum([0, *map(len, points[:-1])])
     joined = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])

@@ -10,16 +10,25 @@ from bpy.types import Object
 from numpy.typing import NDArray
 
 from ...solver.errors import FileFormatError, InputError
+from ...solver.reconstruction.cleaning import far_origin
 from ..data import meshes as mesh_data
 from ..data import points as cloud_data
+from ..data.attributes import write
+from ..data.colours import srgb_to_linear
+from ..data.points import COLOURS
+from ..data.result_keys import SHIFT
+from .formats import POINTS
 from .meshes import named, read_meshes, read_objects
+from .point_files import READERS, PointFile, read_point_file
 
-TEXT = (".xyz", ".obj")
-"""Files whose lines are read here: Blender has no importer for one, and drops the points of the other."""
+TEXT = (*READERS, ".obj")
+"""Files that are read here: Blender has no importer for most, and drops the loose points of the last."""
 
 
-def read_points(path: Path, name: str | None = None) -> Object:
+def read_points(path: Path, name: str | None = None, *, shift: bool = False) -> Object:
     """Read a file into an empty scene and return one object with all of its points, or of those of one object.
+
+    With `shift`, points far from the origin are moved there in double precision; `SHIFT` of the object says how far.
 
     Raises
     ------
@@ -28,10 +37,13 @@ def read_points(path: Path, name: str | None = None) -> Object:
     FileFormatError
         When it cannot be read.
     """
-    if path.suffix.lower() in TEXT and path.is_file():
-        points = points_of_text(path)
+    ending = path.suffix.lower()
+    if path.is_file() and ending not in POINTS:
+        raise FileFormatError(f"'{path.name}' is not a kind of file that can be read ({', '.join(POINTS)}).")
+    if ending in TEXT and path.is_file():
+        points = _read(path)  # before the scene is emptied: a bad file changes nothing
         bpy.ops.wm.read_homefile(use_empty=True)
-        return new_object(path.stem, points)
+        return _object_of(path.stem, points, shift)
     found = named(read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud"), name)
     if len(found) == 1:
         return found[0]
@@ -75,7 +87,7 @@ def _world_points(each: Object) -> NDArray[np.float64]:
 
 
 def points_of_text(path: Path) -> NDArray[np.float64]:
-    """Return the points of an .obj file (its lines "v x y z") or of lines that begin with three numbers, (N, 3).
+    """Return the points of an .obj file, its lines "v x y z", (N, 3).
 
     Raises
     ------
@@ -84,18 +96,36 @@ def points_of_text(path: Path) -> NDArray[np.float64]:
     FileFormatError
         When it cannot be read.
     """
-    is_object = path.suffix.lower() == ".obj"
     with open(path, encoding="utf-8", errors="replace") as lines:
-        rows = [line.split() for line in lines if not line.lstrip().startswith("#")]
-    if is_object:
-        rows = [row[1:] for row in rows if row[:1] == ["v"]]
+        rows = [line.split()[1:4] for line in lines if line.split()[:1] == ["v"]]
     try:
-        points = np.array([row[:3] for row in rows if row], dtype=np.float64)
+        points = np.array(rows, dtype=np.float64)
     except ValueError:
-        raise FileFormatError(f"'{path.name}' cannot be read: a line does not begin with three numbers.") from None
+        raise FileFormatError(f"'{path.name}' cannot be read: a vertex does not have three numbers.") from None
     if not len(points):
         raise InputError(f"'{path.name}' holds no points.")
     return points
+
+
+def import_points(path: Path, *, shift: bool = False) -> Object:
+    """Read a file of points only into the scene; raises and shifts as `read_points` does."""
+    return _object_of(path.stem, _read(path), shift)
+
+
+def _read(path: Path) -> PointFile:
+    return read_point_file(path) if path.suffix.lower() in READERS else PointFile(points_of_text(path))
+
+
+def _object_of(name: str, found: PointFile, shift: bool) -> Object:
+    """Put points with their colours into the scene."""
+    origin = far_origin(found.points) if shift else np.zeros(3)
+    made = new_object(name, found.points - origin)
+    if origin.any():
+        made[SHIFT] = [float(value) for value in origin]
+    if found.colours is not None:
+        colours = np.concatenate([srgb_to_linear(found.colours), np.ones((len(found.colours), 1))], axis=1)
+        write(made.data, {COLOURS: colours}, {COLOURS: ("FLOAT_COLOR", "POINT")})
+    return made
 
 
 def new_object(name: str, points: NDArray[np.float64]) -> Object:

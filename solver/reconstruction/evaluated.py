@@ -42,6 +42,11 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
     fine = yield from within(resample_steps(representation, splits), 0.97, 1.0)
     stretch = domain_stretch(representation, domain_jacobians(representation)[0], len(representation.face_offsets) - 1)
     vertices = np.asarray(fine.vertices, dtype=np.float32)
+    colours = arrays.colours
+    if colours is not None:
+        colours = result.carried(points.rows, vertices.astype(np.float64), colours.astype(np.float64)).astype(
+            np.float32
+        )
     return CloudOutcome(
         vertices=vertices,
         corners=fine.corners.astype(np.int32),
@@ -55,4 +60,5 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
         report=result.report,
         representation=representation,
         made_base=made,
+        colours=colours,
     )

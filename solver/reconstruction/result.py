@@ -51,14 +51,18 @@ class Reconstruction:
         return self.measures.as_dict()
 
     def error_near(self, points: Array, positions: Array) -> Array:
-        """Error of the points around positions (N, 3), for a heat map of the surface, (N,).
+        """Error of the points around positions (N, 3), for a heat map of the surface, (N,)."""
+        return self.carried(points, positions, self.error[:, None])[:, 0]
+
+    def carried(self, points: Array, positions: Array, attribute: Array) -> Array:
+        """Carry an attribute of the points, (P, k), to positions (N, 3); returns (N, k).
 
         The mean of the four nearest points that were used, weighted with the inverse of their distance.
         """
-        points, error = points[self.used], self.error[self.used]
+        points, attribute = points[self.used], attribute[self.used]
         count = min(4, len(points))
         distance, nearest = cKDTree(points).query(positions, k=count)
         share = 1.0 / (distance.reshape(len(positions), count) + 1e-9 * float(np.ptp(points, axis=0).max()) + 1e-300)
-        values = error[nearest.reshape(len(positions), count)]
-        result: Array = (share * values).sum(axis=1) / share.sum(axis=1)
+        values = attribute[nearest.reshape(len(positions), count)]
+        result: Array = (share[:, :, None] * values).sum(axis=1) / share.sum(axis=1)[:, None]
         return result
