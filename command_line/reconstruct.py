@@ -11,6 +11,7 @@ import numpy as np
 from ..operators.data.colours import ColourScale
 from ..operators.data.points import read_cloud
 from ..operators.data.report_text import one_line
+from ..operators.data.result_keys import SHIFT
 from ..operators.data.results import create_surface
 from ..operators.files.formats import ONLY_PLAIN
 from ..operators.files.points import create_base, read_base, read_points
@@ -27,7 +28,11 @@ def run(options: argparse.Namespace) -> None:
     """Make a surface from the points of the file, then write what was asked for."""
     arrays = read_base(options.base) if options.base else None
     points = read_points(options.input, options.object, shift=True)
-    base = create_base(*arrays, options.base.stem) if arrays else None
+    base = None
+    if arrays:
+        vertices, corners, sizes = arrays
+        moved = vertices - np.array(points.get(SHIFT, (0.0, 0.0, 0.0)))
+        base = create_base(moved, corners, sizes, options.base.stem)
     source = read_cloud(bpy.context, points, base, options.base_vertices or 0, options.cloud, options.resample or 0)
     with progress_display(points.name) as show:
         outcome = run_to_end(reconstruct_arrays(source.arrays, options.settings), show)
