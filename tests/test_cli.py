@@ -300,7 +300,8 @@ def test_resampling_and_evaluating_a_saved_representation(model: Path, tmp_path:
     assert {len(face) for face in faces} == {4}
     evaluated, same_faces = read_obj(again)
     assert same_faces == faces
-    assert np.allclose(evaluated, vertices, atol=5e-6)
+    # results carry the compact form, in which the surface may move by 1e-5 of the longest side
+    assert np.allclose(evaluated, vertices, atol=1e-5 * np.ptp(vertices, axis=0).max())
 
 
 def test_a_patch_can_be_looked_at(model: Path, tmp_path: Path) -> None:

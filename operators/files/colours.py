@@ -22,6 +22,7 @@ FRACTION = 0.25
 @contextlib.contextmanager
 def colours_chosen(objects: Sequence[Object], choice: str, kind: Format) -> Iterator[None]:
     """Let objects have these colours, one of `formats.ERROR_COLOURS`, until they are written to a kind of file."""
+    objects = [each for each in objects if isinstance(each.data, Mesh)]  # a patch is labelled by text objects
     originals = [] if kind.keeps_all else [_without_others(each, choice) for each in objects]
     for each in objects:
         if choice == "replace":

@@ -100,8 +100,9 @@ def test_the_representation_is_opened_when_it_is_used(job: Job) -> None:
     assert brought.compact[:2] == b"PK"
     assert "_opened" not in vars(brought)
     points = np.zeros(20, dtype=np.int64), np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 20)
-    # a file holds single precision
-    np.testing.assert_allclose(brought.evaluate(*points), here.evaluate(*points), atol=1e-6)
+    # the compact form that a .blend carries moves the surface by up to 1e-5 of the longest side
+    side = np.ptp(arrays.vertices, axis=0).max()
+    np.testing.assert_allclose(brought.evaluate(*points), here.evaluate(*points), atol=1e-5 * side)
 
 
 def test_a_result_is_taken_in_without_scipy() -> None:

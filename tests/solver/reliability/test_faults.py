@@ -188,7 +188,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
         + """
 (folder / "filler").write_bytes(bytes(64 * 1024 - len(before) - 12 * 1024 - 4096))
 try:
-    approximate(*models.cube(8), Settings(workers=1, iterations=1, sweeps=0)).representation.save(target)
+    approximate(*models.cube(16), Settings(workers=1, iterations=1, sweeps=0)).representation.save(target)
 except OSError as error:
     print("said:", error.strerror)
 assert target.read_bytes() == before

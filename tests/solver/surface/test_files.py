@@ -143,7 +143,7 @@ def test_earlier_files_are_read() -> None:
     surface, loaded = representation(), Representation.from_bytes(saved_before())
     np.testing.assert_allclose(points_of(loaded), points_of(surface), rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(loaded.initial_domains, surface.initial_domains, atol=1e-6)
-    earlier = Representation.load(Path(__file__).parent / "data" / "cube_format_1.npz")
+    earlier = Representation.load(Path(__file__).parent / "data" / "cube_format_1.representation")
     corners = np.abs(earlier.at_vertices()).max(axis=0)
     assert (earlier.patches, len(earlier.triangles)) == (10, 192)
     np.testing.assert_allclose(earlier.vertices, cube(4)[0], atol=1e-7)
