@@ -6,6 +6,7 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Object, Operator
 
 from .data.result_keys import has_heat_map
+from .heat_map.material import heat_map_material
 from .run.poll import needs, no_run, object_mode
 
 
@@ -29,8 +30,6 @@ class SPARSE_SURFACE_OT_use_heat_map_material(Operator):
     poll = needs(object_mode, no_run, something_coloured)
 
     def execute(self, context: Context) -> set[str]:
-        from .heat_map.assets import heat_map_material  # NumPy-heavy: enabling the add-on loads this module
-
         material = heat_map_material()
         for each in coloured(context):
             each.data.materials.clear()

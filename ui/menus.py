@@ -21,7 +21,9 @@ MEASURE: tuple[Entry, ...] = (
 LOOK: tuple[Entry, ...] = (
     ("show_heat_map", "COLOR"),
     ("show_patches", "COLOR"),
+    ("show_point_errors", "POINTCLOUD_DATA"),
     ("show_source", "HIDE_OFF"),
+    ("select_above", "RESTRICT_SELECT_OFF"),
     ("use_heat_map_material", "MATERIAL"),
     ("inspect_patch", "VIEWZOOM"),
     ("clear_inspection", "TRASH"),

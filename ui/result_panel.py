@@ -52,6 +52,8 @@ class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
         if report is not None:
             column.operator("sparse_surface.run_again", icon="FILE_REFRESH")
         column.operator("sparse_surface.show_source", icon="HIDE_OFF")
+        if report is not None and "points" in report["input"]:
+            column.operator("sparse_surface.show_point_errors", icon="POINTCLOUD_DATA")
         column.operator("sparse_surface.apply_to_source", icon="CHECKMARK")
 
 
@@ -84,6 +86,7 @@ class SPARSE_SURFACE_PT_display(UnderResult, Panel):
     def draw(self, context: Context) -> None:
         column = self.column(context)
         draw_display(column, context.scene.sparse_surface)
+        column.operator("sparse_surface.select_above", icon="RESTRICT_SELECT_OFF")
         column.operator("sparse_surface.use_heat_map_material", icon="MATERIAL")
 
 

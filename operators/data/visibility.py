@@ -43,8 +43,8 @@ def settle(made: Sequence[Object], context: Context, others: Iterable[Object] = 
         show(source, context)
     hide_in_place_of(made, context)
     if wanted == "HIDDEN":
-        for other in (source, *others):
-            if other is not None:
+        for other in (source, *others, *accompanying):
+            if other is not None and other not in made:
                 hide(other, context)
 
 

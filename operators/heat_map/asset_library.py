@@ -14,6 +14,7 @@ import bpy
 
 from ...solver.atomic_files import atomic_output
 from ...solver.version import VERSION
+from .material import MATERIAL, make_material
 
 NAME = "Sparse Surface"
 CATALOGUE = "9f0cbe0c-5a51-4f6e-a3a4-4d8b4c1f3c3a"
@@ -54,7 +55,7 @@ def offer() -> Path | None:
 
 
 def _write(file: Path) -> None:
-    from .assets import GROUP, MATERIAL, make_group, make_material, mark  # NumPy-heavy: this module is a watcher
+    from .assets import GROUP, make_group, mark  # NumPy-heavy: this module is a watcher
 
     text = f"VERSION 1\n\n{CATALOGUE}:{NAME}:{NAME.replace(' ', '-')}\n"
     (file.parent / "blender_assets.cats.txt").write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the asset browser offers: the material that renders error colours, and the node group that makes them."""
+"""What the asset browser offers beside the material: the node group that makes error colours; and its pictures."""
 
 from __future__ import annotations
 
@@ -11,46 +11,15 @@ from numpy.typing import NDArray
 
 from ..data.colours import linear_to_srgb, ramp
 from ..data.result_keys import ERROR, ERROR_COLOUR
+from .material import add_node
 
-MATERIAL, GROUP = "Heat Map", "Error Colours"
-
-MARK = "sparse_surface_material"
-"""Custom property of the material, by which it is found whatever its name."""
+GROUP = "Error Colours"
 
 STOPS = 32
 """Colours of Blender's ramp at most."""
 
 PREVIEW = 128
 """Pixels along a side of an asset's picture."""
-
-SHINE = 0.5
-"""Share of a colour that does not depend on the light: enough to compare it with the legend, and to see the shape."""
-
-
-def make_material(name: str = MATERIAL) -> Material:
-    """Make a material that shows the colours of `error_color`, in every render engine and in Material Preview."""
-    material = bpy.data.materials.new(name)
-    material[MARK] = True
-    if bpy.app.version < (5, 0, 0):  # always on from there, and the property is deprecated
-        material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    kinds = ("ShaderNodeAttribute", "ShaderNodeBsdfPrincipled", "ShaderNodeOutputMaterial")
-    colours, surface, output = (_node(tree, kind, 300 * place) for place, kind in enumerate(kinds))
-    colours.attribute_type, colours.attribute_name = "GEOMETRY", ERROR_COLOUR
-    surface.inputs["Roughness"].default_value = 0.7
-    surface.inputs["Specular IOR Level"].default_value = 0.2
-    surface.inputs["Emission Strength"].default_value = SHINE
-    for name in ("Base Color", "Emission Color"):
-        tree.links.new(colours.outputs["Color"], surface.inputs[name])
-    tree.links.new(surface.outputs["BSDF"], output.inputs["Surface"])
-    return material
-
-
-def heat_map_material() -> Material:
-    """Return the material of this file, which is made where there is none."""
-    found = (each for each in bpy.data.materials if MARK in each and each.library is None)
-    return next(found, None) or make_material()
 
 
 def make_group(material: Material, name: str = GROUP) -> NodeTree:
@@ -62,7 +31,7 @@ def make_group(material: Material, name: str = GROUP) -> NodeTree:
     group.is_modifier = True
     _add_sockets(group, material)
     given, value, scaled, colours, stored, painted, result = (
-        _node(group, kind, 220 * place) for place, kind in enumerate(_KINDS)
+        add_node(group, kind, 220 * place) for place, kind in enumerate(_KINDS)
     )
     value.data_type = "FLOAT"
     stored.data_type, stored.domain = "FLOAT_COLOR", "POINT"
@@ -104,12 +73,6 @@ def _add_sockets(group: NodeTree, material: Material) -> None:
         limit.subtype = "DISTANCE"
     shown = sockets.new_socket("Material", in_out="INPUT", socket_type="NodeSocketMaterial")
     shown.default_value = material
-
-
-def _node(tree: NodeTree, kind: str, x: float) -> Any:
-    made = tree.nodes.new(kind)
-    made.location = (x, 0.0)
-    return made
 
 
 def _enabled(node: Any, name: str) -> Any:

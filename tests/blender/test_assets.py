@@ -72,11 +72,10 @@ def test_the_node_group_gives_the_colours_of_the_legend(library: Path):
     sheet = scenes.mesh_object("Sheet", grid, faces)
     layer = sheet.data.attributes.new("error", "FLOAT", "POINT")
     layer.data.foreach_set("value", np.tile(values, 2).astype(np.float32))
-    modifier = sheet.modifiers.new("Colours", "NODES")
-    group = modifier.node_group = appended(library, "node_groups", "Error Colours")
-    limits = {item.name: item.identifier for item in group.interface.items_tree if item.in_out == "INPUT"}
-    modifier[limits["Minimum"]], modifier[limits["Maximum"]] = 0.0, 1.0
-    sheet.update_tag()
+    group = appended(library, "node_groups", "Error Colours")
+    limits = {item.name: item for item in group.interface.items_tree if item.in_out == "INPUT"}
+    limits["Minimum"].default_value, limits["Maximum"].default_value = 0.0, 1.0  # which a new modifier takes
+    sheet.modifiers.new("Colours", "NODES").node_group = group
     bpy.context.view_layer.update()
     shaped = sheet.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     shown = scenes.values(shaped, "error_color", "color", 4)[:300, :3]

@@ -112,7 +112,8 @@ def test_a_representation_goes_to_a_file_and_back(tmp_path: Path):
     assert bpy.ops.sparse_surface.import_representation(filepath=str(written)) == {"FINISHED"}
     opened = bpy.context.object
     assert opened.name == "sheet"
-    assert np.allclose(scenes.positions(opened.data), scenes.positions(made.data), atol=1e-6)
+    # Files keep the surface to a hundred-thousandth of its size.
+    assert np.allclose(scenes.positions(opened.data), scenes.positions(made.data), atol=2e-5)
     assert len(opened.data.polygons) == len(made.data.polygons)
     expected = np.linalg.norm(saved.at_vertices() - saved.vertices, axis=1)
     assert np.allclose(scenes.values(opened.data, "error"), expected, atol=1e-7)

@@ -46,6 +46,22 @@ def test_it_runs_beside_the_user_and_makes_the_surface():
     yield from driver.wait_for(lambda: not driver.children(), 2.0, "end of the child")
 
 
+def test_the_points_are_seen_in_their_colours_on_request():
+    """Before, only the surface is seen."""
+    assert {o.name for o in bpy.context.view_layer.objects if o.visible_get()} == {"Scan Sparse Surface"}
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.show_point_errors("INVOKE_DEFAULT") == {"FINISHED"}
+        bpy.ops.view3d.view_selected()
+        bpy.ops.sparse_surface.show_heat_map("INVOKE_DEFAULT")
+    yield 1.0
+    driver.shot("point_errors")
+    assert bpy.data.objects["Scan Point Errors"].visible_get()
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.show_heat_map("INVOKE_DEFAULT")
+        bpy.ops.sparse_surface.show_point_errors("INVOKE_DEFAULT")
+    yield 0.3
+
+
 def test_one_undo_step_takes_all_of_it_back():
     with driver.in_viewport():
         bpy.ops.ed.undo()
@@ -70,6 +86,7 @@ def test_escape_leaves_nothing_behind():
 
 driver.run(
     test_it_runs_beside_the_user_and_makes_the_surface,
+    test_the_points_are_seen_in_their_colours_on_request,
     test_one_undo_step_takes_all_of_it_back,
     test_escape_leaves_nothing_behind,
 )
