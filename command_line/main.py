@@ -17,6 +17,9 @@ from .arguments import PROGRAM, parse
 DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130
 
 NO_BLENDER = "Files are read with Blender: install its Python module (pip install bpy) or run in Blender."
+BLENDERS_PYTHONS = ((3, 11), (3, 13))
+OTHER_PYTHON = " The module exists for Python 3.11 and 3.13 only."
+
 WITHOUT_BLENDER = ("approximate", "evaluate", "inspect")
 """Commands that can do without."""
 
@@ -52,7 +55,7 @@ def _run(words: list[str]) -> int:
     module = options.command
     if find_spec("bpy") is None:
         if module not in WITHOUT_BLENDER:
-            raise SparseSurfaceError(NO_BLENDER)
+            raise SparseSurfaceError(NO_BLENDER + ("" if sys.version_info[:2] in BLENDERS_PYTHONS else OTHER_PYTHON))
         module = "without_blender"
     return import_module(f".{module}", __package__).run(options) or DONE
 

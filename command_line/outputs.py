@@ -131,11 +131,13 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     """Write the results, or finer ones evaluated from their representations."""
     import bpy
 
-    from ..operators.files.meshes import write_meshes
+    from ..operators.files.meshes import named_like, write_meshes
     from ..operators.representation.resampled import resample_object
 
     fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
-    write_meshes(path, fine or [each.result for each in made], made[0].error_colours)
+    written = fine or [each.result for each in made]
+    with named_like(written, [each.source for each in made]) if path.suffix != ".blend" else contextlib.nullcontext():
+        write_meshes(path, written, made[0].error_colours)
 
 
 def _write_report(path: Path, made: Sequence[Made]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import filecmp
 import os
 import secrets
 import shutil
@@ -60,18 +61,35 @@ def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
     special = goal.exists() and not goal.is_file()
     with _draft_folder(Path(tempfile.gettempdir()) if special else goal.parent, path.stem) as folder:
         yield folder / path.name
-        written = sorted(folder.iterdir())
-        if folder / path.name not in written:
+        if not (folder / path.name).is_file():
             raise OSError(f"'{path}' was not written")
         if silent_writer:
             _check_room(folder)
-        for product in written:
-            place = goal if product.name == path.name else path.absolute().parent / product.name
+        places = _places(folder, path, goal)
+        for product, place in places.items():
             if special and place == goal:
                 with open(product, "rb") as content, open(goal, "wb") as pipe:
                     shutil.copyfileobj(content, pipe)
             else:
                 _replace(product, place)
+
+
+def _places(folder: Path, path: Path, goal: Path) -> dict[Path, Path]:
+    """Return where each file of a draft goes: what stands beside the output, textures for example, keeps its place.
+
+    Raises
+    ------
+    OSError
+        When one of them would replace a file that has nothing to do with this output.
+    """
+    places = {}
+    for product in sorted(each for each in folder.rglob("*") if each.is_file()):
+        place = goal if product == folder / path.name else path.absolute().parent / product.relative_to(folder)
+        own = product.name.startswith(path.stem)
+        if not own and place.exists() and not filecmp.cmp(product, place, shallow=False):
+            raise OSError(f"'{place}' is another file already, and '{path.name}' would replace it")
+        places[product] = place
+    return places
 
 
 @contextlib.contextmanager
@@ -93,6 +111,7 @@ def _draft_folder(beside: Path, stem: str) -> Iterator[Path]:
 
 def _replace(product: Path, place: Path) -> None:
     """Move a file to its place, where it gets the permissions of the one that was there."""
+    place.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.suppress(OSError):
         os.chmod(product, stat.S_IMODE(os.stat(place).st_mode))
     os.replace(product, place)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,28 @@ def named(objects: Sequence[Object], name: str | None) -> list[Object]:
         there = ", ".join(f"'{candidate.name}'" for candidate in objects)
         raise InputError(f"The file has no mesh '{name}', only {there}.")
     return found
+
+
+@contextlib.contextmanager
+def named_like(objects: Sequence[Object], models: Sequence[Object]) -> Iterator[None]:
+    """Let objects and their meshes have the names of others for a while, if each has another of its own."""
+    if len(objects) != len(models) or len({*objects, *models}) != 2 * len(objects):
+        yield
+        return
+    pairs = list(zip(objects, models, strict=True))
+    before = [(each, each.name, each.data, each.data.name) for pair in pairs for each in pair]
+    wanted = [(model.name, model.data.name) for model in models]
+    for model in models:
+        model.name = model.data.name = "model"
+    for each, (name, mesh) in zip(objects, wanted, strict=True):
+        each.name, each.data.name = name, mesh
+    try:
+        yield
+    finally:
+        for each in objects:
+            each.name = each.data.name = "written"
+        for each, name, mesh, mesh_name in reversed(before):
+            each.name, mesh.name = name, mesh_name
 
 
 def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "replace") -> None:
