@@ -1,7 +1,11 @@
-"""Build and validate the extension zips in dist/ with Blender's own tools: one a platform, one without wheels.
+"""Build and validate the extension zips in dist/ with Blender's own tools.
 
-    python scripts/build_extension.py                       all of them
-    python scripts/build_extension.py linux-x64 nowheels    some of them
+There is one for each platform and generation of Python (Blender 4.2 to 5.0, and from 5.1 on), and one without wheels.
+One with the wheels of both generations, which is twice as large, is built when its platform alone is named.
+
+    python scripts/build_extension.py                             all of them
+    python scripts/build_extension.py linux-x64-cp311 nowheels    some of them
+    python scripts/build_extension.py linux-x64                   one for both generations
 
 The same sources and wheels give the same bytes.
 """
@@ -22,13 +26,17 @@ from pathlib import Path
 from platform import machine as machine_name
 
 from build_native import NativeBuildError, build_for
-from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch_platform
+from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch, fetch_platform
 
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
 FOLDERS = ("command_line", "operators", "presets", "solver", "ui")
 FILES = ("LICENSE", "py.typed")
 KERNEL = Path("solver", "native", "built")  # the compiled kernel, another one on each platform
+GENERATIONS = {"cp311": ("4.2.0", "5.1.0"), "cp313": ("5.1.0", None)}
+"""The first Blender with each Python, and the first that has another one again."""
+
+LARGEST_ZIP = 60_000_000
 DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can hold
 
 
@@ -50,16 +58,31 @@ def manifest_source() -> str:
     return (CHECKOUT / MANIFEST).read_text(encoding="utf-8")
 
 
-def manifest_text(platform: str, wheels: list[str]) -> str:
-    """Return the manifest of one zip: the checked-in one with platform and wheels."""
+def manifest_text(platform: str, wheels: list[str], python: str | None = None) -> str:
+    """Return the manifest of one zip: the checked-in one with platform, wheels and the Blenders with the Python."""
     if not wheels:
         return manifest_source()
     lines = [f'platforms = ["{platform}"]', "wheels = [", *(f'    "./wheels/{name}",' for name in wheels), "]"]
     top, first_table, tables = manifest_source().partition("\n[permissions]\n")
+    if python is not None:
+        first, end = GENERATIONS[python]
+        versions = f'blender_version_min = "{first}"' + (f'\nblender_version_max = "{end}"' if end else "")
+        top = re.sub(r'blender_version_min = ".*"', versions, top)
     return "\n".join([top, *lines, first_table + tables])
 
 
-def stage(folder: Path, platform: str, wheels: list[Path], kernel: Path | None) -> None:
+def parts_of(kind: str) -> tuple[str, str | None]:
+    """Return platform and Python of a kind of zip; None where it has the wheels of all."""
+    platform, dash, python = kind.rpartition("-")
+    return (platform, python) if dash and python in GENERATIONS else (kind, None)
+
+
+def kinds_by_default() -> list[str]:
+    """Return the kinds of zips that people download."""
+    return [*(f"{name}-{python}" for name, each in PLATFORMS.items() for python in each.pythons), WITHOUT_WHEELS]
+
+
+def stage(folder: Path, kind: str, wheels: list[Path], kernel: Path | None) -> None:
     """Copy the package into a new folder, with the compiled kernel and the manifest of its zip."""
     for path in package_files():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +93,9 @@ def stage(folder: Path, platform: str, wheels: list[Path], kernel: Path | None) 
     (folder / "wheels").mkdir()
     for wheel in wheels:
         shutil.copyfile(wheel, folder / "wheels" / wheel.name)
-    (folder / MANIFEST).write_text(manifest_text(platform, [wheel.name for wheel in wheels]), encoding="utf-8")
+    platform, python = parts_of(kind)
+    text = manifest_text(platform, [wheel.name for wheel in wheels], python)
+    (folder / MANIFEST).write_text(text, encoding="utf-8")
 
 
 def settle(path: Path) -> None:
@@ -104,9 +129,11 @@ def run_tool(*arguments: str) -> None:
         raise BuildError(f"Blender's `extension {arguments[0]}` failed:\n{done.stdout}{done.stderr}")
 
 
-def zip_name(platform: str) -> str:
+def zip_name(kind: str) -> str:
     version = tomllib.loads(manifest_source())["version"]
-    return f"sparse_surface-{version}-{platform.replace('-', '_')}.zip"
+    platform, python = parts_of(kind)
+    blender = f"-blender_{GENERATIONS[python][0].removesuffix('.0')}" if python else ""
+    return f"sparse_surface-{version}-{platform.replace('-', '_')}{blender}.zip"
 
 
 def this_platform() -> str:
@@ -117,7 +144,7 @@ def this_platform() -> str:
     return name if name in PLATFORMS else WITHOUT_WHEELS
 
 
-def build(platform: str, folder: Path) -> Path:
+def build(kind: str, folder: Path) -> Path:
     """Build and validate one zip.
 
     Raises
@@ -125,15 +152,22 @@ def build(platform: str, folder: Path) -> Path:
     BuildError, NativeBuildError, WheelError
         With the builder's or the validator's own words.
     """
-    wheels = [] if platform == WITHOUT_WHEELS else fetch_platform(platform)
+    platform, python = parts_of(kind)
+    wheels: list[Path] = []
+    if platform != WITHOUT_WHEELS:
+        wheels = fetch_platform(platform) if python is None else fetch(platform, python)
     kernel = None if platform == WITHOUT_WHEELS else build_for(platform)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".building_", dir=folder) as temporary:
-        stage(Path(temporary) / "package", platform, wheels, kernel)
-        draft = Path(temporary) / zip_name(platform)
+        stage(Path(temporary) / "package", kind, wheels, kernel)
+        draft = Path(temporary) / zip_name(kind)
         run_tool("build", "--source-dir", str(Path(temporary) / "package"), "--output-filepath", str(draft))
         settle(draft)
         run_tool("validate", str(draft))
+        if python is not None and draft.stat().st_size > LARGEST_ZIP:
+            raise BuildError(
+                f"{draft.name} has {draft.stat().st_size / 1e6:.0f} MB; at most {LARGEST_ZIP / 1e6:.0f} are due."
+            )
         return draft.replace(folder / draft.name)
 
 
@@ -148,14 +182,14 @@ def describe(path: Path) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    kinds = [*PLATFORMS, WITHOUT_WHEELS]
+    kinds = [*kinds_by_default(), *PLATFORMS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="*", choices=[[], *kinds], metavar="KIND", help=", ".join(kinds))
     parser.add_argument("--output", type=Path, default=CHECKOUT / "dist", metavar="FOLDER", help="default: dist")
     options = parser.parse_args(arguments)
     start = time.perf_counter()
     try:
-        for kind in options.kinds or kinds:
+        for kind in options.kinds or kinds_by_default():
             print(describe(build(kind, options.output)), flush=True)
     except (BuildError, NativeBuildError, WheelError) as error:
         print(error, file=sys.stderr)

@@ -174,6 +174,26 @@ def test_manifest_of_a_zip_names_its_platform_and_wheels(platform: str) -> None:
     assert {key: manifest[key] for key in toml("blender_manifest.toml")} == toml("blender_manifest.toml")
 
 
+@pytest.mark.parametrize(("python", "first", "end"), [("cp311", "4.2.0", "5.1.0"), ("cp313", "5.1.0", None)])
+def test_zip_of_one_generation_says_for_which_blenders(python: str, first: str, end: str | None) -> None:
+    building = script("build_extension")
+    manifest = tomllib.loads(building.manifest_text("linux-x64", ["a.whl"], python))
+    assert (manifest["blender_version_min"], manifest.get("blender_version_max")) == (first, end)
+    assert manifest["platforms"] == ["linux-x64"]
+    assert building.parts_of(f"linux-x64-{python}") == ("linux-x64", python)
+
+
+def test_every_platform_has_a_zip_for_each_of_its_pythons() -> None:
+    building = script("build_extension")
+    kinds = building.kinds_by_default()
+    assert kinds == [
+        *("linux-x64-cp311", "linux-x64-cp313", "windows-x64-cp311", "windows-x64-cp313"),
+        *("macos-arm64-cp311", "macos-arm64-cp313", "macos-x64-cp311", "nowheels"),
+    ]
+    assert len({building.zip_name(kind) for kind in kinds}) == len(kinds)
+    assert building.zip_name("linux-x64-cp313").endswith("-linux_x64-blender_5.1.zip")
+
+
 def test_wheel_with_another_hash_is_not_taken(tmp_path: Path) -> None:
     wheels = script("extension_wheels")
     for name, version in wheels.pins("cp311").items():
