@@ -82,8 +82,8 @@ def named_like(objects: Sequence[Object], models: Sequence[Object]) -> Iterator[
     pairs = list(zip(objects, models, strict=True))
     before = [(each, each.name, each.data, each.data.name) for pair in pairs for each in pair]
     wanted = [(model.name, model.data.name) for model in models]
-    for model in models:
-        model.name = model.data.name = "model"
+    for model, (name, _) in zip(models, wanted, strict=True):
+        model.name = model.data.name = f"{name} source"  # some formats write a parent although it is not selected
     for each, (name, mesh) in zip(objects, wanted, strict=True):
         each.name, each.data.name = name, mesh
     try:
