@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.types import Context, Menu, UILayout
 
+from ..operators.files.formats import POINTS, READABLE
 from ..operators.run.about import bug_page, website
 from .jobs import is_points
 
@@ -39,7 +40,7 @@ RESULT: tuple[Entry, ...] = (
 )
 RUNNING: tuple[Entry, ...] = (("finish", "CHECKMARK"), ("cancel", "CANCEL"))
 IMPORT = (
-    ("import_points", "Points for Sparse Surface (.xyz, .obj)"),
+    ("import_points", "Points for Sparse Surface (.xyz, .las, ...)"),
     ("import_representation", "Sparse Surface (.npz)"),
 )
 EXPORT = (("export_representation", "Sparse Surface (.npz)"),)
@@ -124,7 +125,7 @@ PLACES = {
 class SPARSE_SURFACE_FH_points(bpy.types.FileHandler):
     bl_label = "Points for Sparse Surface"
     bl_import_operator = "sparse_surface.import_points"
-    bl_file_extensions = ".xyz"  # for .obj Blender has a handler of its own
+    bl_file_extensions = ";".join(each for each in POINTS if each not in READABLE)  # Blender has handlers for these
 
     @classmethod
     def poll_drop(cls, context: Context) -> bool:

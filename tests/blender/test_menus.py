@@ -145,6 +145,7 @@ def test_dropped_files_reach_the_importers():
         group, _, name = handler.bl_import_operator.partition(".")
         importer = getattr(getattr(bpy.ops, group), name).get_rna_type()
         assert {"filepath", "directory", "files"} <= set(importer.properties.keys())
+    assert {".xyz", ".las", ".pcd"} <= set(menus.SPARSE_SURFACE_FH_points.bl_file_extensions.split(";"))
 
 
 def test_help_leads_to_the_website_of_the_manifest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
