@@ -18,7 +18,8 @@ from ..mesh.objects import Given, given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, run_to_end, within
-from .noise_level import STRONG, estimate_noise_level, mean_edge_length
+from .noise_level import STRONG, estimate_noise_level, mean_edge_length, smoothed_normals
+from .noise_spectrum import correlated_noise
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
@@ -163,17 +164,26 @@ def _denoised(given: NDArray[Any], mesh: TriangleMesh, noise_level: float | None
     surface = build_surface(mesh)
     estimate = estimate_noise_level(mesh, surface)
     edge = mean_edge_length(mesh)
-    asked = strength * (estimate.level if noise_level is None else noise_level)
-    least = 0.0 if noise_level is not None else CLEAN if estimate.unevenness > EVEN else CLEAN / 3
-    kept = noise_level is None and estimate.is_pattern
-    if asked == 0 or edge == 0 or kept or asked < least * edge:
+    least = (CLEAN if estimate.unevenness > EVEN else CLEAN / 3) * edge
+    is_clean = estimate.is_pattern or estimate.level < least
+    correlated = None if is_clean else correlated_noise(mesh, smoothed_normals(mesh))
+    found = estimate.level if correlated is None else correlated.level
+    asked = strength * (found if noise_level is None else noise_level)
+    if asked == 0 or edge == 0 or (noise_level is None and (is_clean or asked < least)):
         unmoved = given.copy() if np.issubdtype(given.dtype, np.floating) else mesh.vertices.copy()
-        return Denoised(unmoved, 0.0, estimate.level, 0.0, np.zeros(len(given)))
-    noise = _Noise(asked, max(asked, estimate.level), edge, estimate.along_surface > _ISOTROPIC * estimate.level)
+        return Denoised(unmoved, 0.0, found, 0.0, np.zeros(len(given)))
+    noise = _Noise(
+        level=asked,
+        known=max(asked, found),
+        edge=edge,
+        sideways=estimate.along_surface > _ISOTROPIC * estimate.level,
+        inflation=1.0 if correlated is None else correlated.inflation,
+        length=0.0 if correlated is None else correlated.length,
+    )
     moved, level = yield from within(_without_noise(mesh, surface, noise), 0.05, 1.0)
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
-    return Denoised(result, level, estimate.level, level / edge, displacement)
+    return Denoised(result, level, found, level / edge, displacement)
 
 
 def _check(noise_level: float | None, strength: float) -> None:
@@ -201,12 +211,23 @@ class _Noise:
         Mean edge length.
     sideways
         Whether vertices may be off within the surface, too.
+    inflation
+        How many times as much of the noise averages over patches show as of independent noise of that level.
+    length
+        Correlation length in edges; 0 for independent noise.
     """
 
     level: float
     known: float
     edge: float
     sideways: bool
+    inflation: float = 1.0
+    length: float = 0.0
+
+    @property
+    def effective(self) -> float:
+        """The level of independent noise that averages over patches show as much of."""
+        return self.level * self.inflation
 
     def scaled(self, factor: float) -> _Noise:
         """Return the same noise in another unit."""
@@ -235,12 +256,14 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, noise: _Noise) -> Steps
 def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, Array]]:
     """Return vertices without the noise, and their normals."""
     yield Progress("Filtering normals", 0.0)
-    if noise.level < STRONG * noise.edge:
-        normals, rules = filter_normals(surface, noisy, noise.level), [_FINE]
+    if noise.effective < STRONG * noise.edge:
+        normals, rules = filter_normals(surface, noisy, noise.effective), [_FINE]
     else:
-        normals, rules = smooth_normals(surface, noisy), [_COARSE, _LARGE]
+        spread = 1 + noise.length
+        normals = smooth_normals(surface, noisy, round(2 * spread))
+        rules = [_COARSE.larger(spread), _LARGE.larger(spread)]
     for number, rule in enumerate(rules):
-        fitting = _average_of_patches(surface, noisy, normals, noise.level, rule)
+        fitting = _average_of_patches(surface, noisy, normals, noise.effective, rule)
         average = yield from within(fitting, 0.05 + 0.9 * number / len(rules), 0.05 + 0.9 * (number + 1) / len(rules))
         normals = average.normals(normals)
     yield Progress("Moving vertices", 0.95)

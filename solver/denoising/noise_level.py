@@ -116,12 +116,13 @@ def _relief(mesh: TriangleMesh) -> tuple[Array, Array]:
     twice = csr_array(laplacian @ laplacian)
     gain = np.sqrt(np.asarray(twice.multiply(twice).sum(axis=1)).ravel())
     change = (twice @ positions) * np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 0)[:, None]
-    normals = _smoothed_normals(mesh)
+    normals = smoothed_normals(mesh)
     along = (change * normals).sum(axis=1)
     return along, np.linalg.norm(change - along[:, None] * normals, axis=1)
 
 
-def _smoothed_normals(mesh: TriangleMesh) -> Array:
+def smoothed_normals(mesh: TriangleMesh) -> Array:
+    """Return unit normals of the nodes, (N, 3), averaged over two rings."""
     triangles = mesh.nodes.copy()
     turned = mesh.winding < 0
     triangles[turned] = triangles[turned, ::-1]

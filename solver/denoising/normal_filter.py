@@ -50,11 +50,11 @@ def filter_normals(surface: Surface, vertices: Array, noise_level: float) -> Arr
     return normals
 
 
-def smooth_normals(surface: Surface, vertices: Array) -> Array:
-    """Return the triangles' normals, (T, 3), averaged twice with those around, weighted with the areas."""
+def smooth_normals(surface: Surface, vertices: Array, rounds: int = 2) -> Array:
+    """Return the triangles' normals, (T, 3), averaged some times with those around, weighted with the areas."""
     normals, areas = normals_and_areas(vertices, surface.triangles)
     around = surface.around.astype(np.float64)
-    for _ in range(2):
+    for _ in range(rounds):
         weighted = normals * areas[:, None]
         normals = unit(weighted + around @ weighted)
     return normals

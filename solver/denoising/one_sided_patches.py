@@ -10,7 +10,7 @@ which turns the patches of a plane into planes.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -55,6 +55,10 @@ class PatchRule:
     largest_change: float
     caution: float
     misfit_power: float
+
+    def larger(self, factor: float) -> PatchRule:
+        """Return the rule for patches with `factor` times as many triangles."""
+        return replace(self, sizes=tuple(round(size * factor) for size in self.sizes))
 
     @property
     def least_cosine_across(self) -> float:

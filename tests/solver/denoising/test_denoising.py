@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from noisy import Array, Indices, diagonal, distance_from_clean, face_normals, halved, with_noise
+from scipy.ndimage import gaussian_filter
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, denoise, denoise_steps, run_to_end
 from sparse_surface.solver.denoising import denoise as steps
-from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length
+from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length, smoothed_normals
+from sparse_surface.solver.denoising.noise_spectrum import correlated_noise
 from sparse_surface.solver.denoising.normal_filter import filter_normals
 from sparse_surface.solver.denoising.one_sided_patches import Fits, PatchFitter, PatchRule, shrink_curvature
 from sparse_surface.solver.denoising.patch_average import PatchAverage
@@ -147,6 +149,84 @@ def test_triangles_that_noise_has_folded_over_are_turned_back(seed: int) -> None
     before, after = (np.mean((face_normals(v, faces) * clean).sum(axis=1) < 0) for v in (noisy, denoised.vertices))
     assert before > 0.01
     assert after < 0.2 * before
+
+
+def camera_scan(kind: str, level: float, length: float, step: float, seed: int) -> tuple[Array, Array, Indices]:
+    """Return a depth camera's view of a shape, clean and with errors along its rays, and the triangles.
+
+    Neighbouring errors are alike, over `length` pixels; depths are rounded to whole steps.
+    """
+    wide, high, far = 90, 80, 200.0
+    rng = np.random.default_rng(seed)
+    y, x = np.divmod(np.arange(wide * high), wide)
+    u, v = x - wide / 2, y - high / 2
+    shape = {
+        "roof": -0.6 * np.abs(u),
+        "dome": 0.5 * np.sqrt(np.maximum(36.0**2 - u**2 - v**2, 0.0)),
+        "waves": 5 * np.sin(u / 12) * np.cos(v / 15),
+    }[kind]
+    errors = gaussian_filter(rng.normal(size=(high + 20, wide + 20)), length)[10:-10, 10:-10].ravel()
+    depth = far - shape + level * errors / errors.std()
+    depth = np.round(depth / step) * step if step else depth
+    rays = np.column_stack([u / far, v / far, np.ones(len(u))])
+    number = np.arange(wide * high).reshape(high, wide)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    return rays * (far - shape)[:, None], rays * depth[:, None], halved(quads)
+
+
+CAMERAS = [
+    ("roof", 0.5, 0.85, 0.0, 2.5),
+    ("roof", 0.4, 0.8, 0.5, 2.5),
+    ("dome", 0.5, 0.85, 0.6, 5.0),
+    ("waves", 0.5, 0.85, 0.0, 3.0),
+]
+
+
+@pytest.mark.parametrize(("kind", "level", "length", "step", "most_degrees"), CAMERAS)
+def test_a_depth_cameras_errors_are_noise(
+    kind: str, level: float, length: float, step: float, most_degrees: float
+) -> None:
+    clean, noisy, triangles = camera_scan(kind, level, length, step, 51)
+    before = distance_from_clean(clean, triangles, noisy)
+    denoised = denoise(noisy, triangles)
+    rms, degrees = distance_from_clean(clean, triangles, denoised.vertices)
+    assert before[1] > 15.0
+    assert degrees <= most_degrees
+    assert rms < 0.75 * before[0]
+
+
+@pytest.mark.parametrize("length", [0.7, 0.85, 1.0])
+def test_the_correlation_of_noise_is_told_from_the_mesh(length: float) -> None:
+    """On a plane of equilateral triangles: the level that was put on, and how much a mean over many vertices shows."""
+    side, level = 90, 0.4
+    vertices, triangles = bumpy_plane(side)
+    row, column = np.round(vertices[:, :2]).T
+    vertices[:, 0], vertices[:, 1] = row - 0.5 * column, np.sqrt(0.75) * column
+    across = np.minimum(column, side - column) * np.where(2 * column > side, -1, 1)
+    down = np.minimum(row, side - row) * np.where(2 * row > side, -1, 1)
+    kernel = np.exp(-((down - 0.5 * across) ** 2 + 0.75 * across**2) / (2 * length**2)).reshape(side, side)
+    levels, inflations = [], []
+    for seed in range(61, 67):
+        white = np.random.default_rng(seed).normal(size=(side, side))
+        errors = np.fft.ifft2(np.fft.fft2(white) * np.fft.fft2(kernel)).real.ravel()
+        vertices[:, 2] = level * errors / errors.std()
+        mesh = build_mesh(vertices, triangles)
+        found = correlated_noise(mesh, np.tile([0.0, 0.0, 1.0], (mesh.node_count, 1)))
+        assert found is not None
+        levels.append(found.level)
+        inflations.append(found.inflation)
+    assert np.mean(levels) == pytest.approx(level, rel=0.1)
+    spread = np.sqrt(4 * np.pi / np.sqrt(0.75)) * length  # of exp(-d^2 / (4 length^2)), the sum by its integral
+    # The lower quartile of small disks lies lower for correlated noise than for independent: up to a quarter too much.
+    assert spread <= np.mean(inflations) <= 1.25 * spread
+
+
+@pytest.mark.parametrize("name", ["sphere", "flower", "cube", "l_solid"])
+def test_independent_noise_is_not_taken_for_correlated(name: str) -> None:
+    vertices, faces = getattr(models, name)()
+    for share in (0.0, 2e-3, 4e-3):
+        mesh = build_mesh(with_noise(vertices, faces, share, 71), faces)
+        assert correlated_noise(mesh, smoothed_normals(mesh)) is None
 
 
 # -------------------------------------------------------------------------------------------------- what is left alone
