@@ -22,6 +22,7 @@ def run(options: argparse.Namespace) -> None:
         resampled = run_to_end(resample_steps(representation, options.resample), show)
     bpy.ops.wm.read_homefile(use_empty=True)
     mesh = mesh_data.create_mesh(name, resampled.vertices, resampled.corners, resampled.sizes)
+    mesh_data.mark_sharp(mesh, resampled.creases)
     made = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(made)
     write_meshes(options.output, [made])

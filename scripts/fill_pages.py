@@ -19,7 +19,7 @@ BLOCK = re.compile(r"(<!--settings:(?P<group>\w+)-->\n)(?P<table>.*?)(<!--/setti
 
 EVERYDAY = (
     *("method", "domains", "ring", "sparsity", "sweeps", "tolerance", "denoise", "denoise_strength", "noise_level"),
-    *("mark_creases", "merge_vertices", "merge_distance", "pin_boundary", "workers"),
+    *("creases", "mark_creases", "merge_vertices", "merge_distance", "pin_boundary", "workers"),
 )
 PAPER = METHODS["paper"].own_settings
 """Settings of the paper's own iteration."""

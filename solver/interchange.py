@@ -39,6 +39,8 @@ class MeshArrays:
         (T,) polygon of each triangle.
     weights
         (V,) observation weights in [0, 1], or `None` where all are 1.
+    sharp_edges
+        (n, 2) vertices of the edges that are marked as sharp, or `None` where none is.
     """
 
     vertices: NDArray[np.float32]
@@ -47,6 +49,7 @@ class MeshArrays:
     triangles: NDArray[np.int32]
     triangle_polygons: NDArray[np.int32]
     weights: NDArray[np.float32] | None = None
+    sharp_edges: NDArray[np.int32] | None = None
 
     def polygons(self) -> NDArray[np.int32] | list[NDArray[np.int32]]:
         """Return the polygons as `approximate` takes them: (F, n), or a list where their sizes differ."""

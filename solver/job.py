@@ -41,6 +41,7 @@ def approximate_arrays(arrays: MeshArrays, settings: Settings) -> Steps[Approxim
         settings,
         triangles=(arrays.triangles.astype(np.int64), arrays.triangle_polygons.astype(np.int64)),
         weights=None if arrays.weights is None else arrays.weights.astype(np.float64),
+        sharp_edges=arrays.sharp_edges,
     )
 
 

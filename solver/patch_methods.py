@@ -57,7 +57,7 @@ class PatchMethod:
     work: Callable[[int, int], float] = field(default=_steps)
 
 
-PRINTED = {"blending": "uniform", "basis": "monomial", "pursuit": "omp", "observations": "vertices"}
+PRINTED = {"blending": "uniform", "basis": "monomial", "pursuit": "omp", "observations": "vertices", "creases": "off"}
 """The choices of the paper."""
 
 METHODS = {
@@ -67,7 +67,13 @@ METHODS = {
             "default",
             "variable_projection",
             "Variable projection: Gauss-Newton on the domain with the coefficients eliminated. Most accurate",
-            {"blending": "partition", "basis": "legendre", "pursuit": "ols", "observations": "centroids"},
+            {
+                "blending": "partition",
+                "basis": "legendre",
+                "pursuit": "ols",
+                "observations": "centroids",
+                "creases": "auto",
+            },
             turns_domain=True,
             keeps_balance=True,
             anneals=True,

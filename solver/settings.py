@@ -178,6 +178,13 @@ class Settings(_Checked):
     adaptive: bool = switch(
         True, "Split patches whose initial domain is badly squeezed into smaller rings before solving"
     )
+    creases: str = choice(
+        AUTOMATIC,
+        "Where the surface is cut to have sharp creases; the cut is closed exactly",
+        auto="Where the fitted domains show creases. None with the paper's methods or uniform blending",
+        marked="Along the edges that the mesh marks as sharp, and no others",
+        off="Nowhere: creases become narrow fillets",
+    )
     mark_creases: bool = switch(False, "Mark the edges that the optimisation treats as creases as sharp on the result")
     denoise: str = choice(
         "off",
@@ -224,10 +231,15 @@ class Settings(_Checked):
         Raises
         ------
         SettingsError
-            When the pursuit of scikit-learn is asked for and scikit-learn is not installed.
+            When the pursuit of scikit-learn is asked for and scikit-learn is not installed, or marked creases with what
+            cannot have them.
         """
         defaults: Mapping[str, Any] = METHODS[self.method].defaults
         found = replace(self, **{name: value for name, value in defaults.items() if getattr(self, name) == AUTOMATIC})
+        if found.method != "default" or found.blending != "partition":
+            if found.creases == "marked":
+                raise SettingsError("Marked creases need the default method and blending by a partition of unity.")
+            found = replace(found, creases="off")
         if found.pursuit == "sklearn" and find_spec("sklearn") is None:
             raise SettingsError("The pursuit 'sklearn' needs scikit-learn, which is not installed.")
         return found

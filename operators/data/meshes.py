@@ -129,7 +129,7 @@ def read_mesh(
     triangles, triangle_polygons = read_triangles(mesh, corners, sizes)
     if lengths is not None:
         vertices = lengths.from_local(vertices)
-    return MeshArrays(vertices, corners, sizes, triangles, triangle_polygons, weights)
+    return MeshArrays(vertices, corners, sizes, triangles, triangle_polygons, weights, _sharp_edges(mesh))
 
 
 def read_positions(mesh: Mesh) -> NDArray[np.float32]:
@@ -182,6 +182,12 @@ def mark_sharp(mesh: Mesh, pairs: NDArray[np.integer[Any]]) -> None:
     sharp |= np.isin(_pair_keys(read_edges(mesh), len(mesh.vertices)), _pair_keys(pairs, len(mesh.vertices)))
     put(mesh.edges, "use_edge_sharp", sharp, np.bool_)
     mesh.update()
+
+
+def _sharp_edges(mesh: Mesh) -> NDArray[np.int32] | None:
+    """Vertices of the edges that are marked as sharp, (n, 2); None where none is."""
+    sharp = fetch(mesh.edges, "use_edge_sharp", np.bool_)
+    return fetch(mesh.edges, "vertices", np.int32, 2)[sharp] if sharp.any() else None
 
 
 def _pair_keys(pairs: NDArray[np.integer[Any]], vertices: int) -> NDArray[np.int64]:

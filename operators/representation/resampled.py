@@ -13,7 +13,7 @@ from ...solver.progress import run_to_end
 from ...solver.surface.resampling import Resampled, resample_steps
 from ..data.attributes import read
 from ..data.colours import ColourScale
-from ..data.meshes import create_mesh, loose_edges, read_positions
+from ..data.meshes import create_mesh, loose_edges, mark_sharp, read_positions
 from ..data.objects import create_object
 from ..data.origins import RESAMPLED
 from ..data.result_keys import ERROR, SCALE, SPLITS, cut_name, stored_numbers
@@ -39,6 +39,7 @@ def resample_object(context: Context, holder: Object, splits: int, *, replace: b
     loose = place.vertex[loose_edges(holder.data)] if on_source else None
     local = place.to_local(resampled.vertices)
     mesh = create_mesh(name, local, resampled.corners, resampled.sizes, loose)
+    mark_sharp(mesh, resampled.creases)
     made = create_object(name, mesh, holder, context, role=RESAMPLED, replace=replace)
     error: NDArray[np.floating[Any]]
     if on_source:

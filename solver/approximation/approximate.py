@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
 from ..fitting.chunks import PatchFit
-from ..mesh.input_checks import as_positions
+from ..mesh.input_checks import as_positions, checked_edges
 from ..mesh.objects import given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
@@ -25,6 +25,7 @@ from ..surface.creases import crease_edges
 from ..surface.metrics import domain_jacobians, domain_stretch, faces_turned, flipped_triangles, strongest_patch
 from ..surface.representation import Representation
 from .containment import kept_inside
+from .crease_search import cut_along_creases, cut_along_marked
 from .denoised import MeshInput, remove_noise
 from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
@@ -36,8 +37,9 @@ from .runner import ChunkRunner, chunk_runner
 from .tolerance import ToleranceKept, keep_tolerance
 from .welded import held_together
 
-SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.08, 0.75, 0.93
-"""Shares of the progress bar at which fitting the patches begins and ends, and the sweeps end."""
+CUT_ENDS, SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.05, 0.08, 0.75, 0.93
+"""Shares of the progress bar at which the mesh is cut along creases, fitting the patches begins and ends, and the
+sweeps end."""
 
 
 def approximate(
@@ -47,6 +49,7 @@ def approximate(
     *,
     triangles: tuple[Indices, Indices] | None = None,
     weights: Array | None = None,
+    sharp_edges: ArrayLike | None = None,
     executor: Executor | None = None,
     report: Callable[[Progress], str | None] | None = None,
 ) -> Approximation:
@@ -71,6 +74,8 @@ def approximate(
         A triangulation of the faces that is known already: corners (T, 3) and face numbers (T,).
     weights
         Observation weight of each vertex in [0, 1], (V,); a vertex of weight 0 passes through unchanged.
+    sharp_edges
+        Edges that the mesh marks as sharp, pairs of vertices (n, 2): the creases where `Settings.creases` is "marked".
     executor
         Where patches are solved; see `Settings.workers` where None.
     report
@@ -93,10 +98,8 @@ def approximate(
     (True, True)
     """
     given = given_mesh(vertices, faces)
-    steps = approximate_steps(
-        given.vertices, given.faces, settings, triangles=triangles, weights=weights, executor=executor
-    )
-    return replace(run_to_end(steps, report), given=given)
+    mesh = MeshInput(as_positions(given.vertices), given.faces, triangles, weights, sharp_edges=sharp_edges)
+    return replace(run_to_end(_steps(mesh, settings, executor), report), given=given)
 
 
 def approximate_steps(
@@ -106,11 +109,16 @@ def approximate_steps(
     *,
     triangles: tuple[Indices, Indices] | None = None,
     weights: Array | None = None,
+    sharp_edges: ArrayLike | None = None,
     executor: Executor | None = None,
 ) -> Steps[Approximation]:
     """`approximate` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
+    given = MeshInput(as_positions(vertices), faces, triangles, weights, sharp_edges=sharp_edges)
+    return (yield from _steps(given, settings, executor))
+
+
+def _steps(given: MeshInput, settings: Settings | None, executor: Executor | None) -> Steps[Approximation]:
     settings, watch = Settings.given(settings).resolved(), Stopwatch()
-    given = MeshInput(as_positions(vertices), faces, triangles, weights)
     welded = held_together(given, settings)
     given = given if welded is None else welded.mesh
     vertex_count = len(given.positions) if given.positions.ndim else 0
@@ -134,10 +142,13 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     inside = settings.observations == "centroids"
     yield Progress("Reading the mesh", 0.0)
     with watch.stage("cover"):
-        mesh = build_mesh(given.positions, given.faces, given.triangles)
-        mesh, weights = _held_vertices(mesh, given.weights, settings.pin_boundary)
+        whole = build_mesh(given.positions, given.faces, given.triangles)
+        whole, weights = _held_vertices(whole, given.weights, settings.pin_boundary)
+    with watch.stage("creases"):
+        mesh = yield from within(_cut(whole, given, settings, weights, runner), 0.0, CUT_ENDS)
+    with watch.stage("cover"):
         patches = cover(mesh, settings.ring)
-    yield Progress("Parameterising patches", 0.02, f"{len(patches)} patches")
+    yield Progress("Parameterising patches", CUT_ENDS, f"{len(patches)} patches")
     with watch.stage("domains"):
         surface = _covered(mesh, patches, settings, weights, runner)
     with watch.stage("solve"):
@@ -164,7 +175,7 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
         points = representation.at_vertices()
     yield Progress("Measuring", 0.985, surface=points.copy)
     found = Fitted(representation, points.astype(stored), bounds, iterations, kept, contained)
-    return _result(given, surface, found, watch)
+    return _result(given, whole, surface, found, watch)
 
 
 def _held_vertices(
@@ -178,17 +189,36 @@ def _held_vertices(
     return replace(mesh, passed_through=mesh.passed_through | held), checked
 
 
-def _covered(
-    mesh: TriangleMesh, patches: Patches, settings: Settings, weights: Array | None, runner: ChunkRunner
-) -> MeshSurface:
-    """Map the patches to the plane, and observe the mesh's vertices and the points inside its triangles."""
+def _cut(
+    mesh: TriangleMesh, given: MeshInput, settings: Settings, weights: Array | None, runner: ChunkRunner
+) -> Steps[TriangleMesh]:
+    """Cut the mesh along its creases, marked ones or those that the domain optimisation shows."""
+    if settings.creases == "marked":
+        return cut_along_marked(mesh, checked_edges(given.sharp_edges, len(mesh.vertices)))
+    if settings.creases == "off":
+        return mesh
+    return (yield from cut_along_creases(mesh, _observing(mesh, settings, weights), settings, runner))
+
+
+def _observing(
+    mesh: TriangleMesh, settings: Settings, weights: Array | None
+) -> Callable[[Patches, Array], MeshObservations]:
+    """What observes the mesh's vertices and the points inside its triangles."""
     inside = settings.observations == "centroids"
 
     def observe(patches: Patches, blending: Array) -> MeshObservations:
         return MeshObservations(mesh, patches, blending, settings.blending, weights, inside)
 
+    return observe
+
+
+def _covered(
+    mesh: TriangleMesh, patches: Patches, settings: Settings, weights: Array | None, runner: ChunkRunner
+) -> MeshSurface:
+    """Map the patches to the plane."""
+    observe = _observing(mesh, settings, weights)
     surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings), observe, settings, runner)
-    surface.preview = Preview(mesh.vertices, surface.patches, surface.domains, surface.blending)
+    surface.preview = Preview(mesh, surface.patches, surface.domains, surface.blending)
     return surface
 
 
@@ -231,9 +261,11 @@ class Fitted:
     contained: int
 
 
-def _result(given: MeshInput, surface: MeshSurface, found: Fitted, watch: Stopwatch) -> Approximation:
-    """Measure a finished surface against the input."""
-    mesh, representation, points, kept = surface.mesh, found.representation, found.points, found.kept
+def _result(
+    given: MeshInput, mesh: TriangleMesh, surface: MeshSurface, found: Fitted, watch: Stopwatch
+) -> Approximation:
+    """Measure a finished surface against the input, a mesh without cuts along creases."""
+    representation, points, kept = found.representation, found.points, found.kept
     with watch.stage("measure"):
         jacobians, area = domain_jacobians(representation)
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
@@ -254,7 +286,7 @@ def _result(given: MeshInput, surface: MeshSurface, found: Fitted, watch: Stopwa
         vertices_reproduced=found.contained + (0 if kept is None else kept.vertices_reproduced),
         faces_turned=turned,
         iterations=found.iterations,
-        counts={"coincident_vertices": mesh.coincident_vertices},
+        counts={"components": mesh.component_count, "coincident_vertices": mesh.coincident_vertices},
         tolerance=None if kept is None else kept.as_dict(fitted.achieved),
         denoise=given.denoising(fitted),
     )
@@ -266,8 +298,15 @@ def _result(given: MeshInput, surface: MeshSurface, found: Fitted, watch: Stopwa
         report,
         representation,
         _history(representation, surface.fits),
-        crease_edges(representation, mesh) if surface.settings.mark_creases else None,
+        _creases(representation, mesh, surface.settings),
     )
+
+
+def _creases(representation: Representation, mesh: TriangleMesh, settings: Settings) -> Indices | None:
+    """Edges along which the surface was cut; without any, on request those that the domain shows."""
+    if len(representation.creases):
+        return representation.creases
+    return crease_edges(representation, mesh) if settings.mark_creases else None
 
 
 def _passed_through(representation: Representation, error: Array, given: MeshInput) -> int:

@@ -36,6 +36,8 @@ class MeshInput:
         What was done to the noise; None where nothing was.
     source
         The vertices as they were given, (V, 3), where noise was removed.
+    sharp_edges
+        As `approximate` takes them.
     """
 
     positions: NDArray[Any]
@@ -44,6 +46,7 @@ class MeshInput:
     weights: Array | None = None
     denoised: Denoised | None = None
     source: Array | None = None
+    sharp_edges: ArrayLike | None = None
 
     def denoising(self, fitted: Deviation) -> dict[str, Any] | None:
         """Return `Report.denoise`, with how far the surface is from the mesh without noise that it was fitted to."""

@@ -13,6 +13,7 @@ from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native.library import reason_for_numpy
+from ..surface.creases import crease_report
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
 from ..version import VERSION
@@ -139,6 +140,7 @@ def measure(
         peak_memory_mb=surface.runner.peak_memory_mb(),
         workers=surface.runner.workers,
         denoise=denoise,
+        creases=None if surface.settings.creases == "off" or cloud is not None else crease_report(representation),
         **(cloud_distances or {}),
     )
 

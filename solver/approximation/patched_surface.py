@@ -10,9 +10,10 @@ import numpy as np
 
 from ..arrays import Array, Booleans, Indices
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
+from ..fitting.methods.variable_projection import EARLY_MISFIT
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patch_methods import METHODS
-from ..patches.blending import blending_weights
+from ..patches.blending import blending_weights, fitting_weights
 from ..patches.cover import build_cover
 from ..patches.observations import Observations, PatchObservations
 from ..patches.parameterisation import initial_domains
@@ -43,8 +44,8 @@ class PatchedSurface(Generic[Observed]):
     runner
         What fits chunks of patches.
     preview
-        Shows the surface at the mesh's vertices during `fit` and `sweep`; the observations must then begin with these
-        vertices.  None: progress shows nothing.
+        Shows the surface at the mesh's vertices during `fit` and `sweep`; the observations must then begin with its
+        nodes.  None: progress shows nothing.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class PatchedSurface(Generic[Observed]):
             yield from self.refit(np.flatnonzero(oscillating), observations)
 
     def sweep(self, stage: str, detail: str) -> Steps[bool]:
-        """Refit every patch once against what the others leave of the data (eq. 6).
+        """Refit the patches once against what the others leave of the data (eq. 6); good sides of creases stay.
 
         Its progress has this stage and detail.  Sent `FINISH`, it stops at once.
 
@@ -159,7 +160,9 @@ class PatchedSurface(Generic[Observed]):
         """
         shown, done = self._shown(), 0
         for colour in colour_patches(self.patches):
-            tasks = (self._sweep_task(chunk) for chunk in self._chunks(colour, CHUNKS_A_COLOUR))
+            swept = np.array([k for k in colour if not self._is_good_side(int(k))], dtype=np.int64)
+            done += len(colour) - len(swept)
+            tasks = (self._sweep_task(chunk) for chunk in self._chunks(swept, CHUNKS_A_COLOUR) if len(chunk))
             for fitted in self._fitted(tasks, swept=True):
                 done += fitted
                 request = yield Progress(stage, done / len(self.patches), detail, shown)
@@ -247,6 +250,17 @@ class PatchedSurface(Generic[Observed]):
                     self._exchange(self._blended, patch, before, fit)
                 self._fits[patch] = fit if before is None or not swept else _with_iterations_of(fit, before)
             yield len(fits)
+
+    def _is_good_side(self, patch: int) -> bool:
+        """Whether a patch lies at a crease and fits so well that nothing is left to be made consistent."""
+        fit, own = self._fits[patch], self.observations.of_patch(patch)
+        assert fit is not None
+        if not own.ends_early:
+            return False
+        weights = fitting_weights(own.blending, own.weights, self.settings.blending)
+        squares = ((fit.values - self.observations.points[own.number]) ** 2).sum(axis=1)
+        scale = max(frame.scale for frame in fit.frames)
+        return bool((weights * squares).sum() * scale**2 < EARLY_MISFIT**2 * weights.sum())
 
     def _sweep_task(self, chunk: Indices) -> ChunkTask:
         """Problems of some patches against what all the others leave, started from their fits."""

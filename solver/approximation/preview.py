@@ -13,6 +13,8 @@ import numpy as np
 
 from ..arrays import Array, Indices, runs_of_rows
 from ..mesh.quadrics import quadric_terms
+from ..mesh.topology import mean_over_nodes
+from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.patches import Patches
 
 RIDGE = 1e-9
@@ -25,21 +27,20 @@ ENTRIES_AT_ONCE = 500_000
 class Preview:
     """The blend of the patches at the vertices, fitted or not; computed only when a preview is asked for."""
 
-    def __init__(self, vertices: Array, patches: Patches, domains: Array, blending: Array) -> None:
+    def __init__(self, mesh: TriangleMesh, patches: Patches, domains: Array, blending: Array) -> None:
         """Remember what is covered.
 
         Parameters
         ----------
-        vertices
-            Vertices of the mesh, (V, 3), scene units.
-        patches
+        mesh, patches
             The cover.
         domains
             Initial domains, (M, 2), scene units.
         blending
             Blending weights of the patches, (M,).
         """
-        self._vertices, self._patches, self._domains, self._blending = vertices, patches, domains, blending
+        self._mesh, self._patches, self._domains, self._blending = mesh, patches, domains, blending
+        self._points = mesh.vertices[mesh.node_vertex]
 
     def surface(self, blended: Array, fitted: Sequence[bool]) -> Array:
         """Return the surface at the vertices, (V, 3), with quadrics for the patches without a fit.
@@ -47,28 +48,29 @@ class Preview:
         Parameters
         ----------
         blended
-            The blend of the fitted patches at the observations, which begin with the vertices, (O, 3): the data where
+            The blend of the fitted patches at the observations, which begin with the nodes, (O, 3): the data where
             patches are missing.
         fitted
             Which patches are fitted, (K,).
         """
         own = np.asarray(fitted, dtype=bool)[self._patches.vertex_patch]
         there = np.where(own, self._blending, 0.0)
-        share = np.bincount(self._patches.vertices, weights=there, minlength=len(self._vertices))
-        return blended[: len(self._vertices)] + (1.0 - share)[:, None] * self._offsets
+        share = np.bincount(self._patches.nodes, weights=there, minlength=len(self._points))
+        at_nodes = blended[: len(self._points)] + (1.0 - share)[:, None] * self._offsets
+        return mean_over_nodes(at_nodes, self._mesh.node_vertex, len(self._mesh.vertices))
 
     @cached_property
     def _offsets(self) -> Array:
-        """From each vertex to the blend of all quadrics, (V, 3); zero where no patch has weight."""
+        """From each node to the blend of all quadrics, (N, 3); zero where no patch has weight."""
         patches = self._patches
-        offsets = np.zeros_like(self._vertices)
+        offsets = np.zeros_like(self._points)
         for first, end in runs_of_rows(patches.vertex_offsets, ENTRIES_AT_ONCE):
             bounds = patches.vertex_offsets[first : end + 1]
             own = slice(bounds[0], bounds[-1])
-            points = self._vertices[patches.vertices[own]]
+            points = self._points[patches.nodes[own]]
             towards = self._blending[own, None] * (quadrics(self._domains[own], points, bounds - bounds[0]) - points)
             for axis in range(3):
-                offsets[:, axis] += np.bincount(patches.vertices[own], towards[:, axis], len(offsets))
+                offsets[:, axis] += np.bincount(patches.nodes[own], towards[:, axis], len(offsets))
         return offsets
 
 

@@ -44,6 +44,9 @@ class Report:
         Largest jump across a patch's rim, and mean angle between the normals of input and surface.
     energy, iterations
         What `measured_iterations` returns; the energies are there twice.
+    creases
+        `edges`, `vertices` and `share_at_edge` of the creases that the surface is cut along (see
+        `surface.creases.crease_report`); None where no cut was asked for.
     tolerance, denoise
         What it took to keep a tolerance, and what was done to the noise; None where nothing was asked for.
     numpy_reason
@@ -84,6 +87,7 @@ class Report:
     peak_memory_mb: float
     workers: int
     denoise: dict[str, Any] | None
+    creases: dict[str, float] | None = None
     points_to_surface: dict[str, float] | None = None
     surface_to_points: dict[str, float] | None = None
     pieces: int | None = None

@@ -27,10 +27,10 @@ ANTI_DRIFT = 0.1
 
 
 def colour_patches(patches: Patches) -> list[Indices]:
-    """Split the patches into sets in which no two share a vertex; first fit in the order of the patches."""
+    """Split the patches into sets in which no two share a node; first fit in the order of the patches."""
     count = len(patches.centres)
-    shape = (count, int(patches.vertices.max(initial=-1)) + 1)
-    holds = sp.csr_matrix((np.ones(len(patches.vertices)), (patches.vertex_patch, patches.vertices)), shape=shape)
+    shape = (count, int(patches.nodes.max(initial=-1)) + 1)
+    holds = sp.csr_matrix((np.ones(len(patches.nodes)), (patches.vertex_patch, patches.nodes)), shape=shape)
     touching = (holds @ holds.T).tocsr()
     colour = np.full(count, -1)
     for k in range(count):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Booleans
+from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import FINISH, Progress, Steps, within
 from ..surface.bounds import exceeding
 from .oscillation import MeshSurface
@@ -76,6 +77,7 @@ def keep_tolerance(surface: MeshSurface) -> Steps[ToleranceKept]:
         added = yield from within(surface.lay_over(outside, ring, level, richer), start, end)
         changed = np.zeros(len(outside), dtype=bool)
         changed[added.mesh_triangles] = True
+        changed |= _across_creases(surface.mesh, changed)
         outside = (outside & ~changed) | _outside(surface, changed)
         rounds.append({"ring": ring, "sparsity": richer.sparsity, "patches": len(added)})
         request = yield Progress("Keeping the tolerance", end, f"{int(outside.sum())} triangles left")
@@ -92,6 +94,15 @@ def _outside(surface: MeshSurface, asked: Booleans) -> Booleans:
     result = np.zeros(len(asked), dtype=bool)
     result[triangles] = exceeding(surface.representation(), MARGIN * surface.settings.tolerance, triangles)
     return result
+
+
+def _across_creases(mesh: TriangleMesh, changed: Booleans) -> Booleans:
+    """Triangles at the creases of changed ones, (T,): the surface is the mean of both sides there."""
+    touched = np.zeros(len(mesh.vertices), dtype=bool)
+    touched[mesh.triangles[changed]] = True
+    on_crease = np.zeros(len(mesh.vertices), dtype=bool)
+    on_crease[mesh.creases] = True
+    return np.asarray((touched & on_crease)[mesh.triangles].any(axis=1))
 
 
 def _pass_through(surface: MeshSurface, outside: Booleans) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Indices
-from ..mesh.input_checks import checked_faces, checked_triangulation, checked_vertices
+from ..mesh.input_checks import checked_edges, checked_faces, checked_triangulation, checked_vertices
 from ..mesh.triangulation import triangulate
 from ..mesh.welding import Weld, automatic_distance, find_weld
 from ..patches.observations import checked_weights
@@ -113,6 +113,7 @@ def held_together(given: MeshInput, settings: Settings) -> Welded | None:
         faces=_polygons(weld.place[corners], offsets),
         triangles=(weld.place[triangles], polygon),
         weights=None if weights is None else weld.least(weights),
+        sharp_edges=weld.place[checked_edges(given.sharp_edges, len(points))],
     )
     return Welded(mesh, given, weld, triangles)
 

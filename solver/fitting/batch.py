@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..mesh.quadrics import quadric_terms
 from .domain_energy import DomainEnergy
 from .sparse_matrices import diagonal_blocks, for_both, in_single_precision
@@ -48,6 +48,8 @@ class Problem:
         Highest total degree of this problem's functions.
     noise
         Standard deviation of the signals' noise, scene units: functions that explain no more than noise are not used.
+    ends_early
+        Whether a good fit may end before the regularisation is annealed (see `variable_projection`).
     warm
         Earlier solution from which to start; None: the initial domain and a new choice of functions.
     """
@@ -61,6 +63,7 @@ class Problem:
     weights: Array
     degree: int
     noise: float = 0.0
+    ends_early: bool = False
     warm: WarmStart | None = None
 
 
@@ -108,6 +111,8 @@ class Batch:
         Highest total degree of each problem, (B,).
     noise
         Variance of the weighted observations, in the problems' frames, (B,).
+    end_early
+        Which problems may end early, (B,).
     triangles
         Triangles of all domains, as numbers of the flattened vertices, (B t, 3).
     energy
@@ -123,6 +128,7 @@ class Batch:
     root_weights: Array
     degrees: Indices
     noise: Array
+    end_early: Booleans
     triangles: Indices
     energy: DomainEnergy
     observe: sp.csr_matrix
@@ -148,6 +154,7 @@ class Batch:
             self.root_weights[which],
             self.degrees[which],
             self.noise[which],
+            self.end_early[which],
             flat,
             DomainEnergy.of(start.reshape(2, -1), flat),
             observe,
@@ -232,6 +239,7 @@ def build_batch(problems: list[Problem], turn: bool = True) -> Batch:
         np.sqrt(weights),
         np.array([problem.degree for problem in problems]),
         np.array([_weighted_noise(problem, frame) for problem, frame in zip(problems, frames, strict=True)]),
+        np.array([problem.ends_early for problem in problems]),
         flat,
         energy,
         observe,

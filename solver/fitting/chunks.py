@@ -143,6 +143,7 @@ def problems_of(
             weights,
             degree,
             own.noise,
+            own.ends_early,
         )
         for part in (slice(first, first + each) for first in range(0, 3, each))
     ]

@@ -27,8 +27,11 @@ INDEPENDENT = 1e-10
 NEGLIGIBLE = 1e-6
 """Squared norms count as at least this share of the largest one, so that no function of pure rounding is chosen."""
 
-ROUNDING = 1e-14
+ROUNDING = 1e-13
 """Assumed relative rounding error of sums of squares."""
+
+ROUNDED_POINTS = 1e-12
+"""Root mean square, in halves of a domain's width, up to which signals are the rounding of points."""
 
 
 @dataclass
@@ -265,19 +268,27 @@ def _replace_cyclically(gram: Array, correlation: Array, support: Indices, allow
 def _or_low_degrees(gram: Array, correlation: Array, support: Indices, allowed: Booleans | None) -> Indices:
     """Take all functions up to the highest total degree that has room, where they fit no worse than the chosen ones.
 
+    A lower degree is tried where these depend on each other, as on a narrow strip.
+
     Where both leave only rounding errors, those of low degree do not oscillate between the observations.
     """
     sparsity, size = support.shape[-1], correlation.shape[-1]
-    degree = int((np.sqrt(8 * min(sparsity, size) + 1) - 3) / 2)
-    leading = np.arange((degree + 1) * (degree + 2) // 2)
-    low = np.full_like(support, -1)
-    low[..., : len(leading)] = leading
-    if allowed is not None:
-        low[..., : len(leading)][~np.broadcast_to(allowed[:, None, leading], low[..., : len(leading)].shape)] = -1
+    highest = int((np.sqrt(8 * min(sparsity, size) + 1) - 3) / 2)
     present, _ = _explained(gram, correlation, support)
-    possible, independent = _explained(gram, correlation, low)
-    better = independent & (possible >= present * (1.0 - ROUNDING))
-    return np.where(better[..., None], low, support)
+    rounded = ROUNDED_POINTS**2 * gram[:, :1, 0]  # the first function is one everywhere
+    undecided = np.ones(present.shape, dtype=bool)
+    for degree in range(highest, -1, -1):
+        leading = np.arange((degree + 1) * (degree + 2) // 2)
+        low = np.full_like(support, -1)
+        low[..., : len(leading)] = leading
+        if allowed is not None:
+            places = low[..., : len(leading)]
+            places[~np.broadcast_to(allowed[:, None, leading], places.shape)] = -1
+        possible, independent = _explained(gram, correlation, low)
+        better = undecided & independent & (possible >= present * (1.0 - ROUNDING) - rounded)
+        support = np.where(better[..., None], low, support)
+        undecided &= ~better
+    return support
 
 
 def _explained(gram: Array, correlation: Array, support: Indices) -> tuple[Array, Booleans]:

@@ -113,3 +113,21 @@ def refuse_without_area(points: Array, triangles: Indices) -> None:
     side = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
     if side < 1 / LARGEST_COORDINATE or triangle_areas((points - used[0]) / side, triangles).sum() <= 1e-15:
         raise InputError("The mesh has no area: all of its faces are collapsed to lines or points.")
+
+
+def checked_edges(edges: ArrayLike | None, vertices: int) -> Indices:
+    """Return edges as pairs of vertices, (n, 2); none where None.
+
+    Raises
+    ------
+    InputError
+        When they are not pairs of the mesh's vertices.
+    """
+    if edges is None:
+        return np.zeros((0, 2), dtype=np.int64)
+    checked = np.asarray(edges)
+    pairs = checked.reshape(0, 2) if not checked.size else checked
+    whole = pairs.ndim == 2 and pairs.shape[1] == 2 and (pairs.dtype.kind in "iu" or not pairs.size)
+    if not whole or pairs.min(initial=0) < 0 or pairs.max(initial=-1) >= vertices:
+        raise InputError(f"Sharp edges must be pairs of vertex numbers from 0 to {vertices - 1}.")
+    return pairs.astype(np.int64)

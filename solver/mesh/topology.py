@@ -21,21 +21,48 @@ def join_sides(points: Array, triangles: Indices, following: Indices, proper: Bo
     Side `3 t + i` of triangle t runs from its corner i to corner i + 1.  Returns the pairs of sides, (J, 2), and the
     vertices of edges with more than two triangles.
     """
-    sides = np.flatnonzero(np.repeat(proper, 3))
-    start, end = triangles.reshape(-1)[sides], following.reshape(-1)[sides]
-    key = edge_keys(start, end, len(points))
-    order = np.argsort(key, kind="stable")
-    sides, key = sides[order], key[order]
-    first = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, np.int64)
-    count = np.diff(np.concatenate((first, [len(key)])))
+    sides, first, count = _sides_by_edge(triangles, following, proper, len(points))
     two = first[count == 2]
     joined = np.stack((sides[two], sides[two + 1]), axis=1)
     many = count > 2
     if not many.any():
         return joined, np.zeros(0, dtype=np.int64)
-    crowded = np.concatenate((start[order][first[many]], end[order][first[many]]))
+    crowded = np.concatenate([ends.reshape(-1)[sides[first[many]]] for ends in (triangles, following)])
     paired = pair_straightest(points, triangles, sides, first[many], count[many])
     return np.concatenate((joined, paired)), crowded
+
+
+def _sides_by_edge(
+    triangles: Indices, following: Indices, proper: Booleans, vertex_count: int
+) -> tuple[Indices, Indices, Indices]:
+    """Sides sorted by the edge that they run along, where each edge's begin, (E,), and how many it has, (E,)."""
+    sides = np.flatnonzero(np.repeat(proper, 3))
+    key = edge_keys(triangles.reshape(-1)[sides], following.reshape(-1)[sides], vertex_count)
+    order = np.argsort(key, kind="stable")
+    sides, key = sides[order], key[order]
+    first = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, np.int64)
+    return sides, first, np.diff(np.concatenate((first, [len(key)])))
+
+
+def fans_between_creases(triangles: Indices, creases: Indices, vertex_count: int) -> tuple[Indices, Indices, Indices]:
+    """Give every fan of triangles between creases, pairs of vertices (C, 2), a node.
+
+    Returns
+    -------
+    nodes, node_vertex
+        As `split_into_fans` returns them.
+    sides
+        The two sides of each crease, (C, 2); creases between other than two triangles are left out.
+    """
+    following = np.roll(triangles, -1, axis=1)
+    proper = ~(triangles == following).any(axis=1)
+    sides, first, count = _sides_by_edge(triangles, following, proper, vertex_count)
+    two = first[count == 2]
+    pairs = np.stack((sides[two], sides[two + 1]), axis=1)
+    key = edge_keys(triangles.reshape(-1)[pairs[:, 0]], following.reshape(-1)[pairs[:, 0]], vertex_count)
+    cut = np.isin(key, edge_keys(creases[:, 0], creases[:, 1], vertex_count))
+    nodes, node_vertex = split_into_fans(triangles, following, pairs[~cut], proper, vertex_count)
+    return nodes, node_vertex, pairs[cut]
 
 
 def pair_straightest(
@@ -109,6 +136,18 @@ def split_into_fans(
     nodes[corners] = node_of_fan[fan[corners]]
     node_vertex = np.concatenate((np.arange(vertex_count), fan_vertex[order[extra]]))
     return nodes.reshape(-1, 3), node_vertex
+
+
+def mean_over_nodes(values: Array, node_vertex: Indices, vertices: int) -> Array:
+    """Mean over the nodes of each vertex, (V, 3), of values at the nodes, (N, 3), of which the first V are vertices."""
+    if len(node_vertex) == vertices:
+        return values
+    first = values[:vertices]
+    # from the first node's value on, so that equal ones are kept to the last bit
+    away = values - first[node_vertex]
+    sums = [np.bincount(node_vertex, weights=column, minlength=vertices) for column in away.T]
+    mean: Array = first + np.stack(sums, axis=1) / np.bincount(node_vertex, minlength=vertices)[:, None]
+    return mean
 
 
 def number_edges(nodes: Indices, joined: Indices, proper: Booleans) -> tuple[Indices, Indices, Indices]:

@@ -4,13 +4,17 @@ All later modules work on *nodes* instead of vertices.  On a manifold mesh they 
 than two triangles meet at an edge, or several fans of triangles at a vertex ("bow tie"), the mesh is cut: each fan gets
 its own node, so that every node has a single fan and no patch extends across a cut.  The vertices there are passed
 through, which keeps the surface in one piece.
+
+A mesh can also be cut along creases (`cut_along`).  Their vertices are not passed through: the sides of a crease are
+fitted by themselves, and the surface is closed when it is evaluated (see `surface.closing`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,6 +70,8 @@ class TriangleMesh:
     passed_through
         Vertices that keep their position whatever is fitted, (V,): those of cuts and of collapsed triangles, and
         those that no triangle uses.
+    creases
+        Edges along which the mesh is cut as pairs of vertices, (C, 2), the smaller number first, sorted.
     """
 
     vertices: Array
@@ -88,6 +94,7 @@ class TriangleMesh:
     winding: NDArray[np.int8]
     collapsed: Booleans
     passed_through: Booleans
+    creases: Indices
 
     @property
     def node_count(self) -> int:
@@ -139,6 +146,14 @@ class TriangleMesh:
         _, first, number, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
         return np.where(count[number] > 1, first[number], -1)
 
+    @cached_property
+    def paired_sides(self) -> Indices:
+        """The two sides, `3 t + i` from corner i of triangle t on, of each edge that has two triangles, (J, 2)."""
+        sides = np.flatnonzero(self.triangle_edges.reshape(-1) >= 0)
+        edge = self.triangle_edges.reshape(-1)[sides]
+        paired = (self.edge_triangles[:, 1] >= 0)[edge]
+        return sides[paired][np.argsort(edge[paired], kind="stable")].reshape(-1, 2)
+
     @property
     def coincident_vertices(self) -> int:
         """Number of vertices on open borders at the place of another one, within `COINCIDENT` of the longest side."""
@@ -185,6 +200,25 @@ def build_mesh(
     return _with_topology(points, triples, polygon, offsets, corners)
 
 
+def cut_along(mesh: TriangleMesh, edges: Booleans) -> TriangleMesh:
+    """Cut a mesh along some of its edges that have two triangles, (E,).
+
+    Each fan of triangles between creases gets a node of its own; the creases' sides are open borders then.  An edge by
+    itself opens nothing and is left whole.
+    """
+    following = np.roll(mesh.triangles, -1, axis=1)
+    sides, crease = mesh.paired_sides, edges[mesh.edge_triangles[:, 1] >= 0]
+    split = (mesh.triangles, following, sides[~crease], ~mesh.collapsed, len(mesh.vertices))
+    nodes, node_vertex = split_into_fans(*split)
+    ends = np.stack([nodes.reshape(-1), np.roll(nodes, -1, axis=1).reshape(-1)], axis=1)[sides]
+    opened = crease & (np.sort(ends[:, 0], axis=1) != np.sort(ends[:, 1], axis=1)).any(axis=1)
+    kept = sides[~opened]
+    found = _topology(mesh.vertices, mesh.triangles, nodes, node_vertex, kept, mesh.collapsed)
+    cut = np.flatnonzero(mesh.edge_triangles[:, 1] >= 0)[opened]
+    creases = np.unique(np.sort(mesh.node_vertex[mesh.edges[cut]], axis=1), axis=0)
+    return replace(mesh, **found, creases=creases)
+
+
 def _with_topology(
     points: Array, triangles: Indices, polygon: Indices, face_offsets: Indices, face_corners: Indices
 ) -> TriangleMesh:
@@ -192,15 +226,8 @@ def _with_topology(
     collapsed = (triangles == following).any(axis=1)
     joined, crowded = join_sides(points, triangles, following, ~collapsed)
     nodes, node_vertex = split_into_fans(triangles, following, joined, ~collapsed, len(points))
-    triangle_edges, edges, edge_triangles = number_edges(nodes, joined, ~collapsed)
-    count = len(node_vertex)
-    component_count, component = connected_parts(edges[:, 0], edges[:, 1], count)
-    proper = np.flatnonzero(~collapsed)
-    fan_corners = np.argsort(nodes[proper].reshape(-1), kind="stable")
-    fan_sizes = np.bincount(nodes[proper].reshape(-1), minlength=count)
-    border = np.zeros(count, dtype=bool)
-    border[edges[edge_triangles[:, 1] < 0]] = True
-    passed_through = fan_sizes[: len(points)] == 0
+    found = _topology(points, triangles, nodes, node_vertex, joined, collapsed)
+    passed_through = np.diff(found["fan_offsets"])[: len(points)] == 0
     for passed in (node_vertex[len(points) :], crowded, triangles[collapsed]):
         passed_through[passed] = True
     return TriangleMesh(
@@ -210,21 +237,38 @@ def _with_topology(
         polygon_count=len(face_offsets) - 1,
         face_offsets=face_offsets,
         face_corners=face_corners,
-        nodes=nodes,
-        node_vertex=node_vertex,
-        triangle_edges=triangle_edges,
-        edges=edges,
-        edge_triangles=edge_triangles,
-        adjacency=_adjacency(edges, count),
-        fan_offsets=offsets_of(fan_sizes),
-        fan_triangles=proper[fan_corners // 3],
-        component=component,
-        component_count=component_count,
-        border=border,
-        winding=winding_of(points, triangles, joined),
         collapsed=collapsed,
         passed_through=passed_through,
+        creases=np.zeros((0, 2), dtype=np.int64),
+        **found,
     )
+
+
+def _topology(
+    points: Array, triangles: Indices, nodes: Indices, node_vertex: Indices, joined: Indices, collapsed: Booleans
+) -> dict[str, Any]:
+    """The fields of a mesh that follow from its nodes and from which sides are joined."""
+    triangle_edges, edges, edge_triangles = number_edges(nodes, joined, ~collapsed)
+    count = len(node_vertex)
+    component_count, component = connected_parts(edges[:, 0], edges[:, 1], count)
+    proper = np.flatnonzero(~collapsed)
+    fan_corners = np.argsort(nodes[proper].reshape(-1), kind="stable")
+    border = np.zeros(count, dtype=bool)
+    border[edges[edge_triangles[:, 1] < 0]] = True
+    return {
+        "nodes": nodes,
+        "node_vertex": node_vertex,
+        "triangle_edges": triangle_edges,
+        "edges": edges,
+        "edge_triangles": edge_triangles,
+        "adjacency": _adjacency(edges, count),
+        "fan_offsets": offsets_of(np.bincount(nodes[proper].reshape(-1), minlength=count)),
+        "fan_triangles": proper[fan_corners // 3],
+        "component": component,
+        "component_count": component_count,
+        "border": border,
+        "winding": winding_of(points, triangles, joined),
+    }
 
 
 def _adjacency(edges: Indices, count: int) -> csr_array:

@@ -13,6 +13,7 @@ from ..arrays import Array, Indices
 from ..fitting import chunks as by_numpy
 from ..fitting.batch import Frame, Problem
 from ..fitting.chunks import ChunkTask, PatchFit
+from ..fitting.methods.variable_projection import rigidity_decay
 from ..settings import Settings
 from .library import NativeProblem, NativeSettings, function, reason_for_numpy
 
@@ -126,6 +127,7 @@ def native_settings(settings: Settings) -> NativeSettings:
         settings.pursuit == "ols",
         settings.beta1,
         settings.beta2,
+        rigidity_decay(settings),
     )
 
 
@@ -168,6 +170,7 @@ class Prepared:
             problem.degree,
             solved.support.shape[1],
             problem.warm is not None,
+            problem.ends_early,
             problem.noise,
             *(None if array is None else array.ctypes.data for array in (*inputs, *vars(solved).values())),
         )

@@ -43,6 +43,7 @@ typedef struct {
     int64_t degree;           /* highest total degree */
     int64_t width;            /* s: places of `support` and `coefficients` */
     int64_t warm;             /* whether frame, domain_out and support hold an earlier solution */
+    int64_t ends_early;       /* whether a good fit may end before the regularisation is annealed */
     double noise;             /* standard deviation, scene units */
     const double *domain;     /* (m, 2) */
     const int64_t *triangles; /* (t, 3) */
@@ -66,7 +67,7 @@ typedef struct {
     int64_t sparsity, iterations;
     int64_t legendre; /* the basis: Legendre polynomials, or monomials */
     int64_t ols;      /* the pursuit: orthogonal least squares, or matching pursuit */
-    double beta1, beta2;
+    double beta1, beta2, rigidity_decay;
 } Settings;
 
 /* How a problem was moved, turned and scaled: domain = (u - centre) turn scale, values = (b - origin) scale. */

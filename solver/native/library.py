@@ -36,10 +36,20 @@ class NativeSettings(ctypes.Structure):
         ("ols", ctypes.c_int64),
         ("beta1", ctypes.c_double),
         ("beta2", ctypes.c_double),
+        ("rigidity_decay", ctypes.c_double),
     )
 
 
-_COUNTS = ("vertex_count", "triangle_count", "observation_count", "signal_count", "degree", "width", "warm")
+_COUNTS = (
+    "vertex_count",
+    "triangle_count",
+    "observation_count",
+    "signal_count",
+    "degree",
+    "width",
+    "warm",
+    "ends_early",
+)
 _ARRAYS = ("domain", "triangles", "signals", "corners", "shares", "values", "weights")
 _RESULTS = ("frame", "start", "solved", "support", "coefficients", "fitted", "energy", "squared_error", "history")
 

@@ -9,7 +9,8 @@
 static const double PURSUIT_RIDGE = 1e-12;
 static const double INDEPENDENT = 1e-10; /* share of its squared norm that an independent function has left over */
 static const double NEGLIGIBLE_NORM = 1e-6; /* squared norms count as at least this share of the largest one */
-static const double ROUNDING = 1e-14; /* share of a signal's squared length that sums are taken to be wrong by */
+static const double ROUNDING = 1e-13; /* share of a signal's squared length that sums are taken to be wrong by */
+static const double ROUNDED_POINTS = 1e-12; /* root mean square, in halves of a domain's width, that is rounding */
 static const double BETTER = 1.0 + 1e-9; /* by how much an exchange has to gain */
 
 /* The dictionary as a pursuit sees it: n functions, rows padded to `stride`. */
@@ -189,16 +190,21 @@ static double explained(const Normal *normal, const int32_t *support, int s, dou
 }
 
 /* Take all functions up to the highest total degree that has room, where they leave no more than those chosen: a
- * polynomial of low degree is reproduced whatever its domain. */
+ * polynomial of low degree is reproduced whatever its domain.  A lower degree is tried where they depend on each other. */
 static void prefer_low_degrees(const Normal *normal, Choice *choice, int s, int32_t *support) {
     int room = s < normal->size ? s : normal->size;
-    int degree = (int)((sqrt(8.0 * room + 1.0) - 3.0) / 2.0);
-    for (int k = 0; k < s; k++) choice->low[k] = k < dictionary_size(degree) ? k : -1;
+    int highest = (int)((sqrt(8.0 * room + 1.0) - 3.0) / 2.0);
     bool unused, independent;
     double present = explained(normal, support, s, choice->small, &unused);
-    double possible = explained(normal, choice->low, s, choice->small, &independent);
-    if (independent && possible >= present * (1.0 - ROUNDING))
-        memcpy(support, choice->low, sizeof(int32_t) * (size_t)s);
+    double rounded = ROUNDED_POINTS * ROUNDED_POINTS * normal->gram[0]; /* the first function is one everywhere */
+    for (int degree = highest; degree >= 0; degree--) {
+        for (int k = 0; k < s; k++) choice->low[k] = k < dictionary_size(degree) ? k : -1;
+        double possible = explained(normal, choice->low, s, choice->small, &independent);
+        if (independent && possible >= present * (1.0 - ROUNDING) - rounded) {
+            memcpy(support, choice->low, sizeof(int32_t) * (size_t)s);
+            break;
+        }
+    }
 }
 
 /* Choose at most s functions for one signal; -1 where the rest depends on those chosen, or is not worth it.

@@ -9,8 +9,9 @@
 enum { ANNEALING_STEPS = 8, RESELECT_AT = 2, SWEEP_ITERATIONS = 3 };
 
 static const double PROXIMITY_DECAY = 0.26;
-static const double RIGIDITY_DECAY = 0.37;
 static const double SETTLED = 0.05; /* share of its energy that a step has to gain a problem for it to go on */
+/* of a problem that may end early: the misfit's least gain from an annealing step, and its largest root mean squares */
+static const double EARLY_GAIN = 0.4, EARLY_MISFIT = 1.5e-3, EXACT_MISFIT = 1e-8;
 static const double DETERMINANT_FLOOR = 0.02;
 static const double STEP_SHARE = 0.8;
 static const double FARTHEST = 100.0; /* a domain that wants to go so far has no surface to follow */
@@ -23,7 +24,7 @@ typedef struct {
 
 static Weights annealed_weights(const Settings *settings, int64_t iteration) {
     double step = (double)(iteration < ANNEALING_STEPS - 1 ? iteration : ANNEALING_STEPS - 1);
-    Weights weights = {settings->beta1 * pow(PROXIMITY_DECAY, step), settings->beta2 * pow(RIGIDITY_DECAY, step)};
+    Weights weights = {settings->beta1 * pow(PROXIMITY_DECAY, step), settings->beta2 * pow(settings->rigidity_decay, step)};
     return weights;
 }
 
@@ -166,12 +167,23 @@ static void hold(const Problem *problem, int64_t iteration, int64_t iterations) 
     }
 }
 
+/* Whether a good fit ends at an annealing step that found it with this misfit. */
+static bool ends_early(const Placed *placed, double before, double misfit) {
+    double weight = 0.0;
+    for (int n = 0; n < placed->observations; n++) weight += placed->weights[n];
+    bool little = misfit > (1.0 - EARLY_GAIN) * before && misfit < EARLY_MISFIT * EARLY_MISFIT * weight;
+    return little || misfit < EXACT_MISFIT * EXACT_MISFIT * weight;
+}
+
 /* Minimise eq. 3 from the initial domain. */
 static void solve(const Placed *placed, State *state, const Settings *settings, const Problem *problem) {
     choose_and_fit(placed, state, settings, &state->fit);
     if (settings->iterations == 0) note(placed, state, problem, 0, state->fit.misfit);
     int64_t iteration = 0;
-    for (; iteration < settings->iterations; iteration++) {
+    if (problem->ends_early && settings->iterations > 0 && ends_early(placed, INFINITY, state->fit.misfit))
+        note(placed, state, problem, iteration++, state->fit.misfit);
+    bool ended = iteration > 0;
+    for (; !ended && iteration < settings->iterations; iteration++) {
         if (iteration >= ANNEALING_STEPS && state->settled) break;
         if (iteration == RESELECT_AT) {
             choose_and_fit(placed, state, settings, &state->other);
@@ -181,7 +193,9 @@ static void solve(const Placed *placed, State *state, const Settings *settings, 
                 state->other = fit;
             }
         }
+        double before = state->fit.misfit;
         note(placed, state, problem, iteration, step(placed, state, annealed_weights(settings, iteration)));
+        ended = problem->ends_early && iteration < ANNEALING_STEPS && ends_early(placed, before, state->fit.misfit);
     }
     hold(problem, iteration, settings->iterations);
 }

@@ -40,8 +40,9 @@ def blending_weights(mesh: TriangleMesh, patches: Patches, kind: str) -> Array:
     depth = patches.rim_distance.astype(np.float64)
     shape = depth**DEPTH_POWER * HIDING ** patches.levels[patches.vertex_patch] if kind == "partition" else 1.0
     raw = np.where(passed, 0.0, shape)
-    total = np.bincount(patches.vertices, weights=raw, minlength=len(mesh.vertices))
-    return np.divide(raw, total[patches.vertices], out=np.zeros_like(raw), where=raw > 0.0)
+    # by node: each side of a crease is blended by itself
+    total = np.bincount(patches.nodes, weights=raw, minlength=mesh.node_count)
+    return np.divide(raw, total[patches.nodes], out=np.zeros_like(raw), where=raw > 0.0)
 
 
 def fitting_weights(blending: Array, weights: Array, kind: str) -> Array:

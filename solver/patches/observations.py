@@ -65,6 +65,8 @@ class PatchObservations:
         Highest total degree for this number of observations.
     noise
         Standard deviation of the observed points, scene units.
+    ends_early
+        Whether the patch lies at a crease: a smooth side, for which a good fit is found soon.
     """
 
     number: Indices
@@ -74,6 +76,7 @@ class PatchObservations:
     blending: Array
     degree: int
     noise: float = 0.0
+    ends_early: bool = False
 
 
 def small_patch_degree(observations: int) -> int:
@@ -117,8 +120,8 @@ class Observations(Protocol):
 
 
 class MeshObservations:
-    """The vertices of a mesh, then the centroids of its triangles, then six points inside the triangles of small
-    patches.
+    """The vertices of a mesh, once for each node, then the centroids of its triangles, then six points inside the
+    triangles of small patches.
 
     Without points inside the triangles the surface would oscillate between the vertices; small patches, which have
     almost as many coefficients as vertices, need more of them.
@@ -160,15 +163,18 @@ class MeshObservations:
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self.blending = blending
         self._weights = weights
+        self._ends_early = _at_creases(mesh, patches)
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
         self._dense = self._small if dense is None else self._small | dense
         small = np.unique(patches.mesh_triangles[self._dense[patches.triangle_patch]])
         corners = mesh.vertices[mesh.triangles]
         dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[small]).reshape(-1, 3)
-        self.points = np.concatenate([mesh.vertices, corners.mean(axis=1), dense]) if inside else mesh.vertices
+        nodes = mesh.vertices[mesh.node_vertex]
+        self.points = np.concatenate([nodes, corners.mean(axis=1), dense]) if inside else nodes
+        self._first_centroid = len(nodes)
         self._inside = inside
         self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
-        self._first_dense[small] = len(mesh.vertices) + len(mesh.triangles) + 6 * np.arange(len(small))
+        self._first_dense[small] = len(nodes) + len(mesh.triangles) + 6 * np.arange(len(small))
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 
@@ -202,7 +208,7 @@ class MeshObservations:
         samples = SURFACE_SAMPLES if dense else CENTROID
         samples = samples if self._inside else samples[:0]
         weight = SMALL_PATCH_INSIDE_WEIGHT if dense else CENTROID_WEIGHT
-        first = self._first_dense[mesh_triangles] if dense else len(self.vertices) + mesh_triangles
+        first = self._first_dense[mesh_triangles] if dense else self._first_centroid + mesh_triangles
         inside = (first[:, None] + np.arange(len(samples))).ravel()
         corners = np.empty((count + len(inside), 3), dtype=np.int64)
         corners[:count] = np.arange(count)[:, None]
@@ -217,10 +223,20 @@ class MeshObservations:
         if self._overlap is not None:
             blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
         return PatchObservations(
-            np.concatenate([self.patches.vertices[vertices], inside]),
+            np.concatenate([self.patches.nodes[vertices], inside]),
             corners,
             shares,
             own,
             blending,
             min(int(self.degrees[patch]), small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE),
+            ends_early=bool(self._ends_early[patch]),
         )
+
+
+def _at_creases(mesh: TriangleMesh, patches: Patches) -> Booleans:
+    """Which patches hold a side of a crease and are no refinement, (K,)."""
+    split = np.zeros(len(mesh.vertices), dtype=bool)
+    if len(mesh.creases):
+        split[mesh.node_vertex[len(mesh.vertices) :]] = True
+    at_crease = np.bincount(patches.vertex_patch, weights=split[patches.vertices], minlength=len(patches)) > 0
+    return at_crease & (patches.levels == 0)

@@ -99,7 +99,7 @@ class Patches:
         return replace(self, passed_through=passed, rim_distance=distance)
 
 
-def build_patches(mesh: TriangleMesh, centres: Indices, ring: int) -> Patches:
+def build_patches(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans | None = None) -> Patches:
     """Build the patches around the centres of a cover, each a disk.
 
     Every vertex that is not passed through has a positive rim distance in at least one patch; where repairs made
@@ -111,8 +111,10 @@ def build_patches(mesh: TriangleMesh, centres: Indices, ring: int) -> Patches:
         Nodes that `build_cover` chose for this ring, (K,).
     ring
         Largest radius of a patch in edges.
+    wanted
+        Nodes to be covered, (N,), as they were given to `build_cover`.
     """
-    wanted = ~mesh.passed_through[mesh.node_vertex]
+    wanted = ~mesh.passed_through[mesh.node_vertex] if wanted is None else wanted
     disks = _cover_with_disks(mesh, centres, ring, wanted)
     return _assemble(mesh, disks, _unheld(mesh, disks), 0)
 

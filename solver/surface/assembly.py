@@ -55,5 +55,7 @@ def assemble(
         coefficients=padded([fit.coefficients for fit in fits], (3, sparsity), 0.0),
         energy=padded([fit.energy for fit in fits], (iterations,), np.nan),
         solver=settings.solver,
-        initial=settings.initial_domain,
+        # maps of flat sides have no axes of their own, by which they could be made again
+        initial="" if len(mesh.creases) else settings.initial_domain,
+        creases=mesh.creases,
     )

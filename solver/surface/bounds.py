@@ -6,7 +6,8 @@ weights phi_k and the domains u_k are linear in the barycentric coordinates b, a
 these remainders is a polynomial of degree m, and the largest of its Bernstein coefficients bounds it (convex hull
 property; Farin, Curves and Surfaces for CAGD, chapter 17).  Where both together do not suffice the part is split in
 four, which divides the remainder by 2^m.  Values at points of the parts, less the remainders, bound the largest error
-from below.  All of this holds up to the rounding of double precision.
+from below.  The correction that closes a surface at its creases is linear on a part up to a remainder of its own (see
+`closing`).  All of this holds up to the rounding of double precision.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..native import surface as native
+from .closing import Closing
 from .representation import Representation
 from .taylor import LATTICE, TO_BERNSTEIN, DerivativeBounds, Expansions
 
@@ -38,6 +40,9 @@ looser."""
 
 ROUNDING = 1e-12
 """Share of the coordinates' size below which an error is rounding, and not worth splitting for."""
+
+STORED = 1e-6
+"""Share of the longest side to which surfaces are stored: smaller errors are bounded, but need not be told apart."""
 
 PARTS_AT_ONCE = 40_000
 """Parts of triangles, each in each of its patches, that are bounded together: more would only take memory."""
@@ -68,7 +73,8 @@ def error_bounds(
     vertices
         Corners of the flat triangles of x, (V, 3); the representation's own where None.
     accuracy
-        The bounds differ by no more than this share of the upper one, unless `MOST_SPLITS` ends the search.
+        The bounds differ by no more than this share of the upper one, unless that is below `STORED` or `MOST_SPLITS`
+        ends the search.
 
     Returns
     -------
@@ -81,7 +87,7 @@ def error_bounds(
     for splits in range(MOST_SPLITS + 1):
         low, high = error.bounds(parts)
         lower = max(lower, float(low.max(initial=0.0)))
-        settled = high <= max(lower * (1.0 + accuracy), error.rounding)
+        settled = high <= max(lower * (1.0 + accuracy), error.negligible)
         if splits == MOST_SPLITS or np.count_nonzero(~settled) > max(MOST_PARTS, len(representation.triangles)):
             settled[:] = True
         upper = max(upper, float(high[settled].max(initial=0.0)))
@@ -151,23 +157,28 @@ class _ErrorModel:
         The representation, moved so that the model's centre is the origin: differences keep their digits.
     flat
         Corners of x, (V, 3), moved alike.
+    closing
+        What closes the surface along its creases; None where it has none.
     """
 
     surface: Representation
     flat: Array
+    closing: Closing | None
 
     @classmethod
     def of(cls, representation: Representation, vertices: Array | None) -> _ErrorModel:
         centre = representation.vertices.mean(axis=0) if len(representation.vertices) else np.zeros(3)
         own = representation.vertices - centre
         moved = replace(representation, vertices=own, origins=representation.origins - centre)
-        return cls(moved, own if vertices is None else vertices - centre)
+        closing = representation.closing if len(representation.creases) else None
+        return cls(moved, own if vertices is None else vertices - centre, closing)
 
     @property
-    def rounding(self) -> float:
-        """Errors up to this, scene units, are rounding."""
+    def negligible(self) -> float:
+        """Errors up to this, scene units, are rounding, or as good as none."""
         sizes = (np.abs(points).max(initial=0.0) for points in (self.surface.vertices, self.flat, self.surface.origins))
-        return ROUNDING * float(max(sizes))
+        longest = np.ptp(self.surface.vertices, axis=0).max() if len(self.surface.vertices) else 0.0
+        return float(max(ROUNDING * max(sizes), STORED * longest))
 
     def bounds(self, parts: _Parts) -> tuple[Array, Array]:
         """Lower and upper bounds of the largest error on each part, (P,) each."""
@@ -190,6 +201,10 @@ class _ErrorModel:
         values, remainder = self._patches_part(parts)
         values += self._input_values(parts)
         left_out = np.linalg.norm(remainder, axis=1)
+        if self.closing is not None:
+            correction, rest = self.closing.between_corners(parts.triangle, parts.corners)
+            values += np.matmul(LATTICE, correction)
+            left_out += rest
         coefficients = np.tensordot(values, TO_BERNSTEIN, axes=(1, 1))  # (P, 3, n)
         upper = np.sqrt((coefficients**2).sum(axis=1).max(axis=1)) + left_out
         lower = np.sqrt((values**2).sum(axis=2).max(axis=1)) - left_out

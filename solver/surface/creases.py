@@ -1,22 +1,25 @@
-"""Sharp features that the optimisation found.
+"""Sharp features that the optimisation found, and how sharp they are.
 
 The patches are smooth functions; they turn sharply at a crease because the optimisation stretches the domain across
-it, which lets a polynomial bend within one row of triangles.  No detection goes into the fit; afterwards the creases
-can be read off: edges across which the domain is stretched and the surface turns.
+it, which lets a polynomial bend within one row of triangles.  So creases can be read off: edges across which the domain
+is stretched and the surface turns.  Where the surface is cut along them it turns at the edge itself.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..fitting.domain_energy import DomainEnergy
-from ..mesh.normals import angle_between
+from ..mesh.normals import angle_between, face_normals
 from ..mesh.triangle_mesh import TriangleMesh
 from .representation import Representation
 
 CREASE_DEGREES = 25.0
 """Least angle between the surface's normals at the centroids on both sides of a crease."""
+
+AT_EDGE = (0.2, 0.5, 0.8)
+"""Where along an edge its sharpness is measured."""
 
 CREASE_STRETCH = 1.0
 """Least stretch of the domain across a crease, relative to that along it."""
@@ -46,13 +49,48 @@ def crease_edges(
     ndarray
         Pairs of vertices, (E, 2), the smaller number first, sorted.
     """
-    sides = mesh.edge_triangles
-    inside = np.flatnonzero((sides >= 0).all(axis=1))
-    across = edge_stretch(representation, mesh)[inside]
-    turn = _turn(representation, mesh, sides[inside])
-    chosen = inside[(turn >= degrees) & (across >= stretch)]
+    turn = turn_at_edges(representation, mesh, mesh.edge_triangles[:, 1] >= 0)
+    chosen = np.flatnonzero((turn >= degrees) & (edge_stretch(representation, mesh) >= stretch))
     ends: Indices = np.unique(np.sort(mesh.node_vertex[mesh.edges[chosen]], axis=1), axis=0)
     return ends
+
+
+def crease_report(representation: Representation) -> dict[str, float]:
+    """Count what the surface is cut along, and measure how sharp it is there.
+
+    Returns
+    -------
+    dict
+        `edges`, `vertices`, and `share_at_edge`: the angles between the surface's normals on both sides of the edges,
+        at `AT_EDGE`, as a share of the input's dihedrals; one where there are no creases.
+    """
+    sides, triangles = representation.fans.sides, representation.triangles
+    found = {"edges": len(sides), "vertices": len(np.unique(representation.creases))}
+    if not len(sides):
+        return {**found, "share_at_edge": 1.0}
+    each = np.arange(sides.size)
+    triangle, corner = np.divmod(sides.ravel(), 3)
+    starts = triangles[triangle, corner].reshape(-1, 2)
+    opposed = starts[:, 0] != starts[:, 1]
+    flat = face_normals(representation.vertices, triangles)[triangle].reshape(-1, 2, 3)
+    dihedral = _between(flat, opposed)
+    turned = np.zeros(len(sides))
+    for share in AT_EDGE:
+        inside = np.zeros((sides.size, 3))
+        along = np.full(sides.shape, share)
+        along[opposed, 1] = 1.0 - share
+        inside[each, corner], inside[each, (corner + 1) % 3] = 1.0 - along.ravel(), along.ravel()
+        normals = representation.normals(triangle, inside).reshape(-1, 2, 3)
+        turned += np.minimum(_between(normals, opposed), dihedral) / len(AT_EDGE)
+    total = float(dihedral.sum())
+    return {**found, "share_at_edge": float(turned.sum()) / total if total > 0.0 else 1.0}
+
+
+def _between(normals: Array, opposed: Booleans) -> Array:
+    """Angles between the normals beside edges, (C, 2, 3), where triangles run along them `opposed` or alike."""
+    other = normals[:, 1] * np.where(opposed, 1.0, -1.0)[:, None]
+    angles: Array = angle_between(normals[:, 0], other)
+    return angles
 
 
 def edge_stretch(representation: Representation, mesh: TriangleMesh) -> Array:
@@ -89,11 +127,13 @@ def _stretch_across(jacobian: Array, along: Array) -> Array:
     return np.clip(ratio, 1e-3, 1e3)
 
 
-def _turn(representation: Representation, mesh: TriangleMesh, sides: Indices) -> Array:
-    """Angle between the surface's normals at the centroids of two triangles (E, 2), degrees."""
+def turn_at_edges(representation: Representation, mesh: TriangleMesh, edges: Booleans) -> Array:
+    """Angle between the surface's normals at the centroids of an edge's triangles, (E,), degrees; 0 where not asked."""
+    sides = mesh.edge_triangles[edges]
     asked = np.unique(sides)
     normals = np.zeros((len(mesh.triangles), 3))
     normals[asked] = representation.normals(asked, np.full((len(asked), 3), 1.0 / 3.0))
     normals *= np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
-    one, other = normals[sides[:, 0]], normals[sides[:, 1]]
-    return np.degrees(angle_between(one, other))
+    turn = np.zeros(len(edges))
+    turn[edges] = np.degrees(angle_between(normals[sides[:, 0]], normals[sides[:, 1]]))
+    return turn

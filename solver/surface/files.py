@@ -117,7 +117,7 @@ def from_file(file: IO[bytes], name: str) -> dict[str, Any]:
         demand(head["basis"] in ("legendre", "monomial"), "its basis is unknown")
         degree, most = head["degree"], LARGEST_DEGREE
         demand(type(degree) is int and 0 <= degree <= most, f"its degree is not a whole number from 0 to {most}")
-        fields = {key: head[key] for key in FORMAT_1.keys}
+        fields = {key: head[key] for key in FORMAT_1.keys} | {"creases": np.zeros((0, 2), dtype=np.int64)}
         if version == 1:
             return {**fields, **_fields_of_format_1(stored, sizes, degree, Dictionary(degree, head["basis"]).size)}
         demand(head["initial"] in ("", *METHODS), "its initial domains are unknown")

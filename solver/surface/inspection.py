@@ -132,6 +132,7 @@ def single_patch(representation: Representation, patch: int) -> Representation:
         support=representation.support[own],
         coefficients=representation.coefficients[own],
         energy=representation.energy[own],
+        creases=np.zeros((0, 2), dtype=np.int64),
     )
 
 

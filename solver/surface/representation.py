@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,14 +15,12 @@ from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.normals import unit
 from ..native import surface as native
 from ..native.library import reason_against
+from .closing import ROUNDING, Closing, Fans
 from .flat import checked_places, flat_part
 from .saved import Saved
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
-
-ROUNDING = 1e-12
-"""By how much a sum of weights may miss one."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Representation(Saved):
 
     The surface at a point x of a triangle is S(x) = sum_k phi_k(x) h_k(Phi_k(x)) + (1 - sum_k phi_k(x)) x, the sum over
     the patches that contain the triangle (eqs. 1 and 6, section 4.2): h_k is a sparse polynomial, Phi_k maps the
-    triangle linearly into the patch's optimised domain, and phi_k is linear on the triangle.
+    triangle linearly into the patch's optimised domain, and phi_k is linear on the triangle; `closing` is added.
 
     Attributes
     ----------
@@ -63,6 +61,8 @@ class Representation(Saved):
         "native" or "numpy": what evaluates the surface, with differences of rounding.  Not stored.
     initial
         How the initial domains were made, and can be made again: "lscm", "harmonic", "tutte", or "" where unknown.
+    creases
+        Edges at which patches end and the surface has a crease, as pairs of vertices (C, 2), the smaller number first.
     """
 
     vertices: Array
@@ -88,6 +88,7 @@ class Representation(Saved):
     energy: Array
     solver: str = "native"
     initial: str = ""
+    creases: Indices = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     @property
     def patches(self) -> int:
@@ -98,6 +99,16 @@ class Representation(Saved):
     def dictionary(self) -> Dictionary:
         """The basis functions that `support` counts."""
         return Dictionary(self.degree, self.basis)
+
+    @cached_property
+    def fans(self) -> Fans:
+        """The fans of triangles between creases."""
+        return Fans.of(self.triangles, self.creases, len(self.vertices))
+
+    @cached_property
+    def closing(self) -> Closing:
+        """What closes the surface along its creases."""
+        return Closing.of(self.fans, self.triangles, self.degree, partial(self._evaluate, tangents=False, closed=False))
 
     @cached_property
     def corners(self) -> Indices:
@@ -215,16 +226,8 @@ class Representation(Saved):
 
     def blend_at_vertices(self, values: Array) -> Array:
         """Blend the patches' values (M, 3) at the input vertices, (V, 3)."""
-        size = len(self.vertices)
-        total = np.bincount(self.patch_vertices, weights=self.weights, minlength=size)
-        rest = np.maximum(1.0 - total, 0.0)
-        rest[rest < ROUNDING] = 0.0
-        weighted = values * self.weights[:, None]
-        sums = [np.bincount(self.patch_vertices, weights=column, minlength=size) for column in weighted.T]
-        points: Array = np.stack(sums, axis=1) + rest[:, None] * self.vertices
-        # A vertex that no patch moves keeps its place to the last bit.
-        points[total == 0.0] = self.vertices[total == 0.0]
-        return points
+        nodes = self.fans.of_patches(self.patch_vertices, self.corners, self.mesh_triangles)
+        return self.fans.blend(values, self.weights, nodes, self.vertices)
 
     def evaluate(self, face_index: ArrayLike, barycentric: ArrayLike) -> Array:
         """Evaluate the surface S(x) at points x of the mesh.
@@ -271,7 +274,7 @@ class Representation(Saved):
         tangents = self.evaluate_with_tangents(face_index, barycentric)[1]
         return unit(np.asarray(np.cross(tangents[:, 0], tangents[:, 1]), dtype=np.float64))
 
-    def _evaluate(self, face_index: ArrayLike, barycentric: ArrayLike, tangents: bool) -> Array:
+    def _evaluate(self, face_index: ArrayLike, barycentric: ArrayLike, tangents: bool, *, closed: bool = True) -> Array:
         """Points (N, 1, 3), or points and tangents (N, 3, 3): the sum over the patches.
 
         The points are sorted by triangle, so that each patch finds its own in runs.
@@ -288,6 +291,9 @@ class Representation(Saved):
                 part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
                 for total, own in zip(sums, part, strict=True):
                     total[points] += own
+        if closed and len(self.creases):
+            points, correction = self.closing.at(face[order], inside, tangents)
+            sums[:, points] += correction
         result = np.empty((len(face), len(sums)))
         result[order] = sums.T
         return result.reshape(len(face), len(sums) // 3, 3)

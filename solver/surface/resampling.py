@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
 from ..errors import InputError
+from ..mesh.edges import edge_keys
 from ..progress import Progress, Steps, run_to_end
 from .representation import Representation
 from .subdivision import Grid, subdivided
@@ -69,6 +70,8 @@ class Resampled:
         Input face that each face lies in, (F,), ascending.
     edges, chains
         Edges of the input's faces as pairs of vertices (E, 2), and the vertices on each of them in order, (E, N + 1).
+    creases
+        New edges along which the surface has a crease, as pairs of vertices, (C, 2).
     at_vertices, at_corners
         How layers of the source's vertices and face corners get there.
     """
@@ -79,6 +82,7 @@ class Resampled:
     source_face: Indices
     edges: Indices
     chains: Indices
+    creases: Indices
     at_vertices: Interpolation
     at_corners: Interpolation
 
@@ -139,9 +143,18 @@ def resample_steps(representation: Representation, splits: int) -> Steps[Resampl
         source_face=grid.face,
         edges=edges,
         chains=chains,
+        creases=_on_creases(representation, edges, chains),
         at_vertices=_between_vertices(representation, grid, sample),
         at_corners=Interpolation(face_corners_of_triangles(representation)[grid.triangle], grid.inside, grid.corners),
     )
+
+
+def _on_creases(source: Representation, edges: Indices, chains: Indices) -> Indices:
+    """Parts of the edges that are creases of the source, as pairs of vertices."""
+    count = len(source.vertices)
+    keys = [edge_keys(ends[:, 0], ends[:, 1], count) for ends in (edges, source.creases)]
+    along = chains[np.isin(keys[0], keys[1])]
+    return np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2)
 
 
 def _vertex_samples(grid: Grid, count: int) -> Indices:

@@ -22,7 +22,7 @@ from ..fitting.dictionary import Dictionary
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ORDER = 4
+ORDER = 6
 """m: degree of the polynomials that stand for the error."""
 
 CELLS, SAMPLES_A_CELL = 256, 8

@@ -38,6 +38,7 @@ def test_the_creases_of_a_cube(marked):
     source = scenes.mesh_object("Cube", vertices, faces.tolist())
     settings = bpy.context.scene.sparse_surface
     settings.mark_creases = marked
+    settings.creases = "off"
     for name, value in QUICK.items():
         setattr(settings, name, value)
     bpy.ops.sparse_surface.approximate()

@@ -10,6 +10,9 @@ functional (Golub, Pereyra 1973).  Kaufman's approximation (1975) of its Jacobia
 gradients of the fitted function at the observations, gives a Gauss-Newton system that conjugate gradients solve
 matrix-free.  The first steps anneal the regularisation: it guides the way to a minimum, then its influence fades.  From
 then on each problem continues until a step gains little.
+
+A side of a crease is smooth: where its fit is good the domain has nothing more to do.  Such a problem ends at the first
+annealing step that gains it little.
 """
 
 from __future__ import annotations
@@ -31,12 +34,21 @@ ANNEALING_STEPS = 8
 PROXIMITY_DECAY = 0.26
 RIGIDITY_DECAY = 0.37
 """Factors of beta1 and beta2 from one of the annealing steps to the next."""
+SEPARATE_RIGIDITY_DECAY = 0.8
+"""The same of beta2 with a domain for each coordinate: freer ones follow the noise of single vertices."""
 RESELECT_AT = (0, 2)
 """Annealing steps before which the functions are chosen again."""
 SETTLED = 0.05
 """A problem stops after annealing once a step lowers its energy by less than this share."""
 WORTH_MAKING_SMALLER = 0.7
 """Share of a batch's problems below which those that still move get a batch of their own."""
+
+EARLY_GAIN = 0.4
+"""A problem that may end early does at the first annealing step that lowers its misfit by less than this share, ..."""
+EARLY_MISFIT = 1.5e-3
+"""... if its root mean square misfit is below this, in halves of the domain's width."""
+EXACT_MISFIT = 1e-8
+"""It ends whatever it gains when the misfit is below this."""
 
 DETERMINANT_FLOOR = 0.02
 """Smallest determinant of the domain transformation on any triangle."""
@@ -105,16 +117,32 @@ def solve(batch: Batch, dictionary: Dictionary, settings: Settings) -> Solution:
     trace = Trace(settings.keep_iterations)
     if iterations == 0:
         _note(trace, batch, dictionary, state, state.fit.misfit)
+    energy = state.fit.misfit
+    ended = _ends_early(batch, energy, np.full(batch.problems, np.inf))
     for iteration in range(min(iterations, ANNEALING_STEPS)):
         if iteration and iteration in RESELECT_AT:
             new = choose(batch, dictionary, state.domain, *how)
             better = generalisation_score(batch, new) < generalisation_score(batch, state.fit)
-            state.fit = merge(better, new, state.fit)
-        weights = annealed_weights(settings, iteration)
-        _note(trace, batch, dictionary, state, step(batch, dictionary, state, weights))
+            state.fit = merge(better & ~ended, new, state.fit)
+        before, held, last = state.fit.misfit, np.flatnonzero(ended), energy
+        kept = state.only(held)
+        energy = step(batch, dictionary, state, annealed_weights(settings, iteration))
+        state.put(held, kept)
+        energy[held] = last[held]
+        _note(trace, batch, dictionary, state, energy)
+        ended |= _ends_early(batch, state.fit.misfit, before)
+    state.settled |= ended
     _settle(batch, dictionary, state, iterations - ANNEALING_STEPS, final_weights(settings), trace)
     trace.hold(iterations)
     return _solution(state, trace)
+
+
+def _ends_early(batch: Batch, misfit: Array, before: Array) -> Booleans:
+    """Which problems end, (B,), for their misfits after and before an annealing step."""
+    weight = (batch.root_weights[:, 0] ** 2).sum(axis=1)
+    little = (misfit > (1.0 - EARLY_GAIN) * before) & (misfit < EARLY_MISFIT**2 * weight)
+    ends: Booleans = batch.end_early & (little | (misfit < EXACT_MISFIT**2 * weight))
+    return ends
 
 
 def improve(
@@ -170,7 +198,12 @@ def _solution(state: State, trace: Trace) -> Solution:
 def annealed_weights(settings: Settings, iteration: int) -> tuple[float, float]:
     """beta1 and beta2 at an iteration, counted from 0."""
     step = min(iteration, ANNEALING_STEPS - 1)
-    return settings.beta1 * PROXIMITY_DECAY**step, settings.beta2 * RIGIDITY_DECAY**step
+    return settings.beta1 * PROXIMITY_DECAY**step, settings.beta2 * rigidity_decay(settings) ** step
+
+
+def rigidity_decay(settings: Settings) -> float:
+    """Factor of beta2 from one annealing step to the next."""
+    return SEPARATE_RIGIDITY_DECAY if settings.domains == "separate" else RIGIDITY_DECAY
 
 
 def final_weights(settings: Settings) -> tuple[float, float]:

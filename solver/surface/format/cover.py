@@ -155,5 +155,6 @@ def weights_of(cover: Cover, vertices: Indices, depth: Indices, levels: Indices,
     if kind == "partition":
         raw = depth.astype(np.float64) ** POWER * HIDING ** levels[cover.patch_of_vertex].astype(np.float64)
     raw[passed[vertices]] = 0.0
-    total = np.bincount(vertices, weights=raw, minlength=len(passed))
-    return np.divide(raw, total[vertices], out=np.zeros_like(raw), where=raw > 0.0)
+    # each side of a crease sums to one by itself
+    total = np.bincount(cover.nodes, weights=raw)
+    return np.divide(raw, total[cover.nodes], out=np.zeros_like(raw), where=raw > 0.0)

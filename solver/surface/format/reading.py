@@ -54,6 +54,10 @@ def read(head: dict[str, Any], sizes: Sizes, blocks: BlockReader) -> dict[str, A
         **functions,
         "energy": _read_energy(blocks, sizes),
     }
+    if "creases" in blocks:
+        sides = blocks.listed("creases", nodes.size, nodes.size)
+        ends = [np.roll(mesh["triangles"], -k, axis=1).ravel()[sides] for k in (0, 1)]
+        fields["creases"] = np.unique(np.sort(np.stack(ends, axis=1), axis=1), axis=0)
     if "initial_domains" in blocks:
         fields["initial_domains"] = blocks.real("initial_domains", sizes.domains, sizes.patch_vertices, 2)
     return fields

@@ -16,7 +16,14 @@ CANDIDATES = 3
 """Vertices of a patch that are tried as its centre."""
 
 
-def nodes_of(triangles: Indices, count: int, mesh_triangles: Indices, corners: Indices, entries: int) -> Indices:
+def nodes_of(
+    triangles: Indices,
+    count: int,
+    mesh_triangles: Indices,
+    corners: Indices,
+    entries: int,
+    fans: Indices | None = None,
+) -> Indices:
     """Return the node of each corner of the mesh's triangles, (T, 3).
 
     A vertex through which the mesh is cut has several nodes: corners are one node when they are one vertex of a patch.
@@ -27,7 +34,15 @@ def nodes_of(triangles: Indices, count: int, mesh_triangles: Indices, corners: I
         Triangles (T, 3) of `count` vertices.
     mesh_triangles, corners, entries
         Mesh triangle of each patch triangle (S,), its corners as patch vertices (S, 3), and their number, M.
+    fans
+        Nodes between creases, (T, 3), which are taken where no patch vertex lies at two of them; None without creases.
     """
+    if fans is not None:
+        own = fans[mesh_triangles]
+        met = np.full(entries, -1)
+        met[corners] = own
+        if (met[corners] == own).all():
+            return fans
     flat = (3 * mesh_triangles[:, None] + np.arange(3)).ravel()
     size = triangles.size
     _, part = connected_parts(flat, size + corners.ravel(), size + entries)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...arrays import Array, Booleans, Indices
 from ...fitting.dictionary import Dictionary
+from ..closing import Fans
 from .blocks import BlockWriter
 from .connectivity import write_faces, write_triangles
 from .content import Sizes
@@ -46,6 +47,8 @@ class Fields(Protocol):
     coefficients: Array
     energy: Array
     corners: Indices
+    creases: Indices
+    fans: Fans
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,8 @@ class Canonical:
     def of(cls, surface: Fields) -> Canonical:
         count = len(surface.vertices)
         corners, entries = surface.corners, len(surface.patch_vertices)
-        nodes = nodes_of(surface.triangles, count, surface.mesh_triangles, corners, entries)
+        fans = surface.fans.corners if len(surface.creases) else None
+        nodes = nodes_of(surface.triangles, count, surface.mesh_triangles, corners, entries, fans)
         node_vertex = np.arange(max(int(nodes.max(initial=-1)) + 1, count))
         node_vertex[nodes.ravel()] = surface.triangles.ravel()
         patch = np.repeat(np.arange(len(surface.triangle_offsets) - 1), np.diff(surface.triangle_offsets))
@@ -170,6 +174,8 @@ def _write_mesh(blocks: BlockWriter, surface: Fields, own: Canonical) -> None:
     cut = np.flatnonzero(own.nodes.ravel() != triangles.ravel())
     _write_set(blocks, "cut_corners", cut)
     blocks.whole("cut_nodes", own.nodes.ravel()[cut] - len(surface.vertices))
+    if len(surface.creases):
+        _write_set(blocks, "creases", np.unique(surface.fans.sides.min(axis=1)))
 
 
 def _write_set(blocks: BlockWriter, name: str, ascending: Indices) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ REPORT_KEYS = {
     "peak_memory_mb": None,
     "workers": None,
 }
-HERE = Settings(workers=1)
+HERE = Settings(workers=1, creases="off")
 QUICK = Settings(workers=1, iterations=4, sweeps=0)
 
 
@@ -100,7 +101,7 @@ def test_real_models_are_as_close_as_promised(load_model, model, vertex, surface
 
 def test_separate_domains_are_closer(approximated_cube):
     vertices, faces = cube()
-    separate = approximate(vertices, faces, Settings(workers=1, domains="separate")).report["relative"]
+    separate = approximate(vertices, faces, replace(HERE, domains="separate")).report["relative"]
     assert separate["surface_rms"] <= 2.0e-3
     assert separate["surface_max"] <= 8e-3
     assert separate["surface_rms"] < approximated_cube.report["relative"]["surface_rms"]
@@ -128,6 +129,23 @@ def test_position_and_scale_do_not_matter(approximated_cube, change):
     scale = {"tiny": 1e-3, "huge": 1e3}.get(change, 1.0)
     assert report["surface_error"]["rms"] == pytest.approx(scale * before["surface_error"]["rms"], rel=0.05)
     assert report["vertex_error"]["rms"] == pytest.approx(scale * before["vertex_error"]["rms"], rel=0.05)
+
+
+@pytest.mark.parametrize("change", ["none", "turned", "moved", "huge"])
+def test_a_cube_that_is_cut_at_its_edges_is_exact(change):
+    vertices, faces = cube()
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    changed = {
+        "none": vertices,
+        "turned": vertices @ turn.T,
+        "moved": vertices + np.array([100.0, -50.0, 3.0]),
+        "huge": vertices * 1e3,
+    }[change]
+    report = approximate(changed, faces, Settings(workers=1)).report
+    assert report["creases"]["edges"] == 192
+    assert report["creases"]["share_at_edge"] > 0.999999
+    assert report["relative"]["surface_rms"] <= 1e-12
+    assert report["relative"]["surface_max"] <= 1e-11
 
 
 def test_float32_stays_float32_and_is_what_is_measured():

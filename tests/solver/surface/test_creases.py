@@ -21,7 +21,7 @@ def sharp_edges(mesh, degrees=30.0):
 
 @pytest.fixture(scope="module")
 def marked_cube():
-    return approximate(*cube(), Settings(workers=1, mark_creases=True))
+    return approximate(*cube(), Settings(workers=1, mark_creases=True, creases="off"))
 
 
 def test_the_edges_of_a_cube_are_found(marked_cube):

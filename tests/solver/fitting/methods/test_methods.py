@@ -140,6 +140,7 @@ def test_sweeps_bring_the_blended_surface_nearer(name: str) -> None:
     errors = []
     for sweeps in (0, 2):
         quick = settings_for(name, ring=4, degree=8, sparsity=8, iterations=4, sweeps=sweeps, workers=1, beta1=0.0)
+        quick = replace(quick, creases="off")
         result = approximate(vertices, faces, quick)
         errors.append(((result.vertices - vertices) ** 2).sum())
     assert errors[1] < errors[0]

@@ -1,0 +1,134 @@
+"""Creases that the domain optimisation reveals, and the mesh cut along them.
+
+Smooth functions over one domain cannot have a crease: their tangent planes on both sides of an edge are the same.  But
+after two steps of the optimisation the domain is stretched across a crease, and the surface turns there.  So patches
+over the potential creases are fitted for two steps, and what they show decides which chains are creases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import Array, Booleans, Indices
+from ..mesh.potential_creases import PotentialCreases, alone_between_their_vertices, potential_creases
+from ..mesh.triangle_mesh import TriangleMesh, cut_along
+from ..patches.cover import build_cover
+from ..patches.observations import MeshObservations
+from ..patches.patches import Patches, build_patches
+from ..patches.splitting import with_domains
+from ..progress import Steps
+from ..settings import Settings
+from ..surface.creases import CREASE_DEGREES, CREASE_STRETCH, edge_stretch, turn_at_edges
+from .patched_surface import PatchedSurface
+from .runner import ChunkRunner
+
+LOOK = 2
+"""Steps of the domain optimisation after which creases can be told from what merely bends."""
+
+SEED_DEGREES = 15.0
+"""Least angle between the fitted normals beside an edge that speaks for a crease."""
+
+SEEDS = 0.3
+"""Share of a crease's edges that must speak for it."""
+
+STRONG_SEEDS = 2
+"""How many of them must turn by `CREASE_DEGREES`."""
+
+ROUNDS = 3
+"""How often edges that join creases are added."""
+
+SHORTEST_END = 3
+"""Ends of creases with fewer edges, from the last junction on, are taken off."""
+
+Observe = Callable[[Patches, Array], MeshObservations]
+
+
+def cut_along_creases(
+    mesh: TriangleMesh, observe: Observe, settings: Settings, runner: ChunkRunner
+) -> Steps[TriangleMesh]:
+    """Cut a mesh along the creases that patches over its potential creases show; without any it stays as it is."""
+    potential = potential_creases(mesh)
+    wanted = _nodes_beside(mesh, potential.edges) & ~mesh.passed_through[mesh.node_vertex]
+    if not wanted.any():
+        return mesh
+    patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted)
+    look = replace(settings, iterations=min(LOOK, settings.iterations), keep_iterations=False)
+    surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings), observe, look, runner)
+    if (yield from surface.fit()):
+        return mesh
+    representation = surface.representation()
+    turn = turn_at_edges(representation, mesh, potential.edges)
+    seeds = potential.edges & (turn >= SEED_DEGREES) & (edge_stretch(representation, mesh) >= CREASE_STRETCH)
+    creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds, seeds & (turn >= CREASE_DEGREES)))
+    return cut_along(mesh, creases) if creases.any() else mesh
+
+
+def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:
+    """Cut a mesh along marked edges, pairs of vertices (n, 2), those between two triangles."""
+    ends = np.sort(mesh.node_vertex[mesh.edges], axis=1)
+    width = np.int64(len(mesh.vertices))
+    low, high = np.sort(marked, axis=1).T
+    creases = np.isin(ends[:, 0] * width + ends[:, 1], low * width + high)
+    creases &= (mesh.edge_triangles[:, 1] >= 0) & alone_between_their_vertices(mesh)
+    return cut_along(mesh, creases) if creases.any() else mesh
+
+
+def _nodes_beside(mesh: TriangleMesh, edges: Booleans) -> Booleans:
+    """Nodes of the triangles on both sides of some edges, (N,)."""
+    nodes = np.zeros(mesh.node_count, dtype=bool)
+    nodes[mesh.nodes[mesh.edge_triangles[edges]]] = True
+    return nodes
+
+
+def _confirmed(potential: PotentialCreases, seeds: Booleans, strong: Booleans) -> Booleans:
+    """Edges of the chains for which enough of their edges speak, (E,)."""
+    chain, count = potential.chain[potential.edges], int(potential.chain.max()) + 1
+    total, spoken, loud = (
+        np.bincount(chain, weights=which[potential.edges], minlength=count)
+        for which in (potential.edges, seeds, strong)
+    )
+    good = (spoken >= SEEDS * total) & (loud >= STRONG_SEEDS)
+    confirmed = np.zeros(len(seeds), dtype=bool)
+    confirmed[potential.edges] = good[chain]
+    return confirmed
+
+
+def _completed(mesh: TriangleMesh, dihedral: Array, creases: Booleans) -> Booleans:
+    """Add the edges that bend as much and join creases beside a crease, and take short loose ends off.
+
+    Contrast misses edges that have creases on all sides, such as those around the triangle at a bevelled corner.
+    """
+    bends = (dihedral >= CREASE_DEGREES) & alone_between_their_vertices(mesh)
+    creases = creases.copy()
+    for _ in range(ROUNDS):
+        on = np.zeros(mesh.node_count, dtype=bool)
+        on[mesh.edges[creases]] = True
+        has = np.asarray((creases[mesh.triangle_edges] & (mesh.triangle_edges >= 0)).any(axis=1))
+        joins = bends & ~creases & on[mesh.edges].all(axis=1) & has[mesh.edge_triangles].any(axis=1)
+        if not joins.any():
+            break
+        creases |= joins
+    return _without_loose_ends(mesh, creases)
+
+
+def _without_loose_ends(mesh: TriangleMesh, creases: Booleans) -> Booleans:
+    """Take off ends of fewer than `SHORTEST_END` edges that hang on a junction."""
+    kept = creases.copy()
+    degree = np.bincount(mesh.edges[creases].ravel(), minlength=mesh.node_count)
+    at: dict[int, list[int]] = {}
+    for edge in np.flatnonzero(creases):
+        for node in mesh.edges[edge]:
+            at.setdefault(int(node), []).append(int(edge))
+    for tip in np.flatnonzero((degree == 1) & ~mesh.border):
+        node, path = int(tip), [at[int(tip)][0]]
+        while True:
+            node = int(mesh.edges[path[-1]].sum()) - node
+            if degree[node] != 2 or len(path) == SHORTEST_END:
+                break
+            path.append(next(edge for edge in at[node] if edge != path[-1]))
+        if degree[node] > 2 and len(path) < SHORTEST_END:
+            kept[path] = False
+    return kept

@@ -1,0 +1,116 @@
+"""Edges of a mesh at which a crease may run: those that bend much more than what is beside them, in long chains.
+
+A dihedral alone tells little: a coarse sphere bends at each of its edges.  Along a crease the surface bends at one
+line of edges and hardly at the lines beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, Booleans, Indices
+from .edges import connected_parts, edge_keys
+from .normals import angle_between, face_normals
+from .triangle_mesh import TriangleMesh
+
+LEAST_DIHEDRAL = 12.0
+"""Edges that bend less, in degrees, are no creases."""
+
+CONTRAST = 2.5
+"""How many times as much a crease bends as the second calmest of the edges beside it."""
+
+CALM = 1.0
+"""Dihedrals below this are taken to be this large, degrees."""
+
+SHORTEST_CHAIN = 12
+"""A crease has at least so many edges."""
+
+
+@dataclass(frozen=True)
+class PotentialCreases:
+    """What the edges of a mesh say about creases.
+
+    Attributes
+    ----------
+    dihedral
+        Angle between the triangles of each edge, (E,), degrees; 0 on borders.
+    chain
+        Chain of potential creases that each edge belongs to, (E,); -1 for all others.
+    """
+
+    dihedral: Array
+    chain: Indices
+
+    @property
+    def edges(self) -> Booleans:
+        """Which edges are potential creases, (E,)."""
+        return self.chain >= 0
+
+
+def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
+    """Find the edges of dihedral d >= 12 degrees that bend 2.5 times as much as what is beside them.
+
+    Beside an edge are the four other edges of its triangles, and the four edges on the lines parallel to it, one strip
+    of triangles away; of each four the second smallest counts.  Chains of connected edges need 12 of them.
+    """
+    dihedral = dihedrals(mesh)
+    bend = np.where(mesh.triangle_edges >= 0, dihedral[mesh.triangle_edges], 0.0)
+    beside = np.sort(_other_edges(mesh, bend), axis=1)[:, 1], np.sort(_parallel_edges(mesh, bend), axis=1)[:, 1]
+    paired = np.flatnonzero(mesh.edge_triangles[:, 1] >= 0)
+    calm = np.maximum(np.maximum(*beside), CALM)
+    strong = (dihedral[paired] >= LEAST_DIHEDRAL) & (dihedral[paired] >= CONTRAST * calm)
+    candidates = np.zeros(len(dihedral), dtype=bool)
+    candidates[paired[strong]] = True
+    candidates &= alone_between_their_vertices(mesh)
+    chain = np.full(len(dihedral), -1)
+    ends = mesh.edges[candidates]
+    count, part = connected_parts(ends[:, 0], ends[:, 1], mesh.node_count)
+    sizes = np.bincount(part[ends[:, 0]], minlength=count)
+    chain[candidates] = np.where(sizes >= SHORTEST_CHAIN, np.arange(count), -1)[part[ends[:, 0]]]
+    return PotentialCreases(dihedral, chain)
+
+
+def dihedrals(mesh: TriangleMesh) -> Array:
+    """Angle between the two triangles of each edge, (E,), degrees; 0 on borders and beside triangles without area."""
+    normals = face_normals(mesh.vertices, mesh.triangles)
+    turned = normals * np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
+    one, other = turned[mesh.edge_triangles].transpose(1, 0, 2)
+    known = (mesh.edge_triangles[:, 1] >= 0) & one.any(axis=1) & other.any(axis=1)
+    angles = np.zeros(len(mesh.edges))
+    angles[known] = np.degrees(angle_between(one[known], other[known]))
+    return angles
+
+
+def alone_between_their_vertices(mesh: TriangleMesh) -> Booleans:
+    """Which edges are the only ones between their vertices, (E,): only these can be named by them."""
+    ends = mesh.node_vertex[mesh.edges]
+    _, number, count = np.unique(
+        edge_keys(ends[:, 0], ends[:, 1], len(mesh.vertices)), return_inverse=True, return_counts=True
+    )
+    alone: Booleans = count[number] == 1
+    return alone
+
+
+def _other_edges(mesh: TriangleMesh, bend: Array) -> Array:
+    """Bend of the four other edges of each paired edge's triangles, (J, 4), from that of the triangles' (T, 3)."""
+    triangle, corner = np.divmod(mesh.paired_sides, 3)
+    return np.concatenate([bend[triangle, (corner + k) % 3] for k in (1, 2)], axis=1)
+
+
+def _parallel_edges(mesh: TriangleMesh, bend: Array) -> Array:
+    """The same of the four edges opposite to the ends of each edge, in the triangles beyond its own; 0 without one."""
+    twin = np.full(mesh.triangles.size, -1)
+    twin[mesh.paired_sides] = mesh.paired_sides[:, ::-1]
+    found = []
+    for sides in mesh.paired_sides.T:
+        triangle, corner = np.divmod(sides, 3)
+        apex = mesh.nodes[triangle, (corner + 2) % 3]
+        for k in (1, 2):
+            beyond = twin[3 * triangle + (corner + k) % 3]
+            other, side = np.divmod(np.maximum(beyond, 0), 3)
+            from_apex, to_own = (mesh.nodes[other] == apex[:, None]).argmax(axis=1), (side + 2) % 3
+            parallel = np.where((from_apex + 1) % 3 == to_own, from_apex, to_own)
+            found.append(np.where(beyond >= 0, bend[other, parallel], 0.0))
+    return np.stack(found, axis=1)

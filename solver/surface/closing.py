@@ -1,0 +1,244 @@
+"""Closing the surface along its creases.
+
+The patches of a crease's two sides know nothing of each other, so their surfaces do not quite meet there.  On each
+triangle a correction is added that is largest at the crease and fades out over this one row of triangles,
+
+    sum_v lambda_v d_v + sum_e (lambda_v + lambda_w) B_e(lambda_w / (lambda_v + lambda_w)),
+
+the first sum over the triangle's corners v, the second over its crease edges e = (v, w); lambda are the barycentric
+coordinates.  d_v leads from the surface of the triangle's own side to the mean of all sides that meet at v.  B_e is
+half the difference of both sides along the edge, less the linear part that the d_v have made up for.  Both sides are
+polynomials there of degree t + 1: t of the patches' functions, and 1 of the weights that blend them.  So its values at
+t + 2 Chebyshev points determine it, and the surface has no gap beyond rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from ..arrays import Array, Indices
+from ..mesh.topology import fans_between_creases, mean_over_nodes
+
+ROUNDING = 1e-12
+"""By how much a sum of weights may miss one."""
+
+
+@dataclass(frozen=True)
+class Fans:
+    """The fans of triangles around the vertices between creases; each is a node.
+
+    Attributes
+    ----------
+    corners
+        Node of each triangle corner, (T, 3).  Node `v` < V belongs to vertex `v`.
+    vertex
+        Vertex of each node, (N,).
+    sides
+        The two sides of each crease, (C, 2); side `3 t + i` of triangle t runs from its corner i to corner i + 1.
+    """
+
+    corners: Indices
+    vertex: Indices
+    sides: Indices
+
+    @classmethod
+    def of(cls, triangles: Indices, creases: Indices, vertices: int) -> Fans:
+        """Find the fans between creases, (C, 2); without any, nodes are vertices."""
+        if not len(creases):
+            return cls(triangles, np.arange(vertices), np.zeros((0, 2), dtype=np.int64))
+        return cls(*fans_between_creases(triangles, creases, vertices))
+
+    def of_patches(self, vertices: Indices, corners: Indices, triangles: Indices) -> Indices:
+        """Node of each patch vertex, (M,), from its vertex and the patch triangles' corners and mesh triangles."""
+        nodes = vertices.copy()
+        if len(self.sides):
+            nodes[corners] = self.corners[triangles]
+        return nodes
+
+    def blend(self, values: Array, weights: Array, nodes: Indices, vertices: Array) -> Array:
+        """Blend values of patches (M, 3) with weights (M,) at nodes (M,), and the vertices (V, 3) themselves with what
+        the weights leave; the mean over each vertex's nodes.
+        """
+        own, size = vertices[self.vertex], len(self.vertex)
+        total = np.bincount(nodes, weights=weights, minlength=size)
+        rest = np.maximum(1.0 - total, 0.0)
+        rest[rest < ROUNDING] = 0.0
+        weighted = values * weights[:, None]
+        sums = [np.bincount(nodes, weights=column, minlength=size) for column in weighted.T]
+        points: Array = np.stack(sums, axis=1) + rest[:, None] * own
+        # A vertex that no patch moves keeps its place to the last bit.
+        points[total == 0.0] = own[total == 0.0]
+        return self.mean(points, len(vertices))
+
+    def mean(self, values: Array, vertices: int) -> Array:
+        """Mean over the nodes of each vertex, (V, 3), of values at the nodes, (N, 3)."""
+        return mean_over_nodes(values, self.vertex, vertices)
+
+
+@dataclass(frozen=True)
+class Closing:
+    """The correction that closes a surface, on the R triangles that have any.
+
+    Attributes
+    ----------
+    row
+        Which of them each triangle is, (T,); -1 elsewhere.
+    corners
+        d_v at their corners, (R, 3, 3), scene units.
+    edge
+        Polynomial of each of their sides, (R, 3); -1 where it is no crease.
+    polynomials
+        Chebyshev coefficients of B_e along the sides on [-1, 1], (P, n, 3), scene units.
+    """
+
+    row: Indices
+    corners: Array
+    edge: Indices
+    polynomials: Array
+
+    @classmethod
+    def of(cls, fans: Fans, triangles: Indices, degree: int, surface: Callable[[Indices, Array], Array]) -> Closing:
+        """Compute the correction.
+
+        Parameters
+        ----------
+        triangles
+            Vertices of the triangles' corners, (T, 3).
+        degree
+            Highest degree of the patches' functions.
+        surface
+            Evaluates what is to be closed: triangles (N,) and barycentric coordinates (N, 3) to N points.
+        """
+        away = _from_own_side(fans, triangles, surface)
+        sides = fans.sides.ravel()
+        moved = np.asarray(away.any(axis=1))
+        concerned = np.asarray(moved[fans.corners].any(axis=1))
+        concerned[sides // 3] = True
+        rows = np.flatnonzero(concerned)
+        row = np.full(len(triangles), -1)
+        row[rows] = np.arange(len(rows))
+        edge = np.full((len(rows), 3), -1)
+        edge[row[sides // 3], sides % 3] = np.arange(len(sides))
+        return cls(row, away[fans.corners[rows]], edge, _differences(fans.sides, triangles, degree, surface))
+
+    def at(self, face: Indices, inside: Array, tangents: bool) -> tuple[Indices, Array]:
+        """Which of N points have a correction, (n,), and what it is, (3, n), with `tangents` of both tangents, (9, n).
+
+        Parameters
+        ----------
+        face, inside
+            Triangles (N,) and barycentric coordinates (3, N).
+        """
+        which = np.flatnonzero(self.row[face] >= 0)
+        row, inside = self.row[face[which]], inside[:, which]
+        corners = self.corners[row].transpose(1, 2, 0)
+        parts = [(inside[:, None] * corners).sum(axis=0)]
+        if tangents:
+            parts += [corners[1] - corners[0], corners[2] - corners[0]]
+        for side in range(3):
+            there = np.flatnonzero(self.edge[row, side] >= 0)
+            ends = inside[side, there], inside[(side + 1) % 3, there]
+            value, slope = self._along(self.edge[row[there], side], *ends, tangents)
+            parts[0][:, there] += (ends[0] + ends[1]) * value
+            for k in range(1, len(parts)):
+                # along the triangle's edge 0 -> k
+                step = np.array([-1.0, *(float(c == k) for c in (1, 2))])
+                start, end = step[side], step[(side + 1) % 3]
+                parts[k][:, there] += (start + end) * value + slope * (end * ends[0] - start * ends[1])
+        return which, np.concatenate(parts)
+
+    def _along(self, polynomial: Indices, start: Array, end: Array, slopes: bool) -> tuple[Array, Array]:
+        """B and (lambda_v + lambda_w) B' for lambda_v = start, lambda_w = end; both (3, n).
+
+        With m = lambda_v + lambda_w and t = lambda_w / m, m B(t) changes by m' B + B' (lambda_w' lambda_v - lambda_v'
+        lambda_w) / m, so the second is left divided by m.
+        """
+        total = start + end
+        known = total > 0.0
+        place = np.divide(end - start, total, out=np.zeros_like(total), where=known)
+        table = chebyshev.chebvander(place, self.polynomials.shape[1] - 1)
+        value = np.einsum("nj,njd->dn", table, self.polynomials[polynomial])
+        if not slopes:
+            return value, value
+        slope = np.einsum("nj,njd->dn", table[:, :-1], self._slopes[polynomial])
+        # the parameter of the polynomials runs from -1 to 1
+        return value, np.divide(2.0 * slope, total, out=np.zeros_like(slope), where=known)
+
+    @cached_property
+    def _slopes(self) -> Array:
+        slopes: Array = np.asarray(chebyshev.chebder(self.polynomials, axis=1), dtype=np.float64)
+        return slopes
+
+    def between_corners(self, triangle: Indices, corners: Array) -> tuple[Array, Array]:
+        """Correction at the corners of parts of triangles, (n, 3, 3), and how far it is from linear in between, (n,).
+
+        m B(lambda_w / m) with m = lambda_v + lambda_w has the second derivative B'' (b - t (a + b))^2 / m along a step
+        (a, b) of lambda_v and lambda_w, which is at most B'' max(a^2, b^2) / m.
+
+        Parameters
+        ----------
+        triangle, corners
+            Triangles (n,) and the parts' corners in their barycentric coordinates, (n, 3, 3).
+        """
+        values, rest = np.zeros(corners.shape), np.zeros(len(triangle))
+        which, at = self.at(np.repeat(triangle, 3), corners.reshape(-1, 3).T, False)
+        values.reshape(-1, 3)[which] = at.T
+        row = self.row[triangle]
+        for side in range(3):
+            there = np.flatnonzero((row >= 0) & (self.edge[row, side] >= 0))
+            ends = corners[there][:, :, [side, (side + 1) % 3]]
+            total, step = ends.sum(axis=2), np.abs(ends - np.roll(ends, 1, axis=1)).max(axis=(1, 2))
+            largest, bend = (limit[self.edge[row[there], side]] for limit in self._limits)
+            least, most = total.min(axis=1), total.max(axis=1)
+            curved = np.divide(0.5 * bend * step**2, least, out=np.full(len(there), np.inf), where=least > 0.0)
+            rest[there] += np.minimum(curved, 2.0 * most * largest)
+        return values, rest
+
+    @cached_property
+    def _limits(self) -> tuple[Array, Array]:
+        """Bounds of |B_e| and |B_e''| on [0, 1], (P,) each: Chebyshev polynomials are at most one."""
+        bends = 4.0 * chebyshev.chebder(self.polynomials, 2, axis=1)
+        largest, bend = (np.abs(own).sum(axis=1) for own in (self.polynomials, bends))
+        return np.sqrt((largest**2).sum(axis=1)), np.sqrt((bend**2).sum(axis=1))
+
+
+def _from_own_side(fans: Fans, triangles: Indices, surface: Callable[[Indices, Array], Array]) -> Array:
+    """d_v of each node, (N, 3): zero at vertices with one node only."""
+    nodes, vertices = len(fans.vertex), int(triangles.max()) + 1
+    shared = np.bincount(fans.vertex, minlength=vertices)[fans.vertex] > 1
+    first = np.full(nodes, -1)
+    first[fans.corners.ravel()[::-1]] = np.arange(fans.corners.size)[::-1]
+    asked = np.flatnonzero(shared)
+    points = np.zeros((nodes, 3))
+    points[asked] = surface(first[asked] // 3, np.eye(3)[first[asked] % 3]).reshape(-1, 3)
+    away = np.zeros((nodes, 3))
+    away[asked] = fans.mean(points, int(fans.vertex.max()) + 1)[fans.vertex[asked]] - points[asked]
+    return away
+
+
+def _differences(sides: Indices, triangles: Indices, degree: int, surface: Callable[[Indices, Array], Array]) -> Array:
+    """Chebyshev coefficients of B_e for both sides of each crease, (2 C, n, 3)."""
+    count = max(degree + 1, 2) + 1  # weights are linear; the input itself has weights, too
+    places = chebyshev.chebpts1(count)
+    shares = np.concatenate([[0.0], (places + 1.0) / 2.0, [1.0]])
+    flat = sides.ravel()
+    inside = np.zeros((len(flat), len(shares), 3))
+    each = np.arange(len(flat))
+    inside[each, :, flat % 3] = 1.0 - shares
+    inside[each, :, (flat + 1) % 3] = shares
+    # side numbers are 3 t + i, and the side ends at corner i + 1 of the same triangle
+    own = surface(np.repeat(flat // 3, len(shares)), inside.reshape(-1, 3)).reshape(-1, 2, len(shares), 3)
+    starts = triangles.ravel()[sides]
+    same = starts[:, 0] == starts[:, 1]
+    # the points are symmetric, so that those of the other side are its own in reverse
+    other = np.where(same[:, None, None, None], own[:, ::-1], own[:, ::-1, ::-1])
+    half = 0.5 * (other - own).reshape(-1, len(shares), 3)
+    linear = (1.0 - shares)[:, None] * half[:, :1] + shares[:, None] * half[:, -1:]
+    to_coefficients = np.linalg.inv(chebyshev.chebvander(places, count - 1))
+    coefficients: Array = np.einsum("jk,pkd->pjd", to_coefficients, (half - linear)[:, 1:-1])
+    return coefficients

@@ -1,0 +1,173 @@
+"""Surfaces that are cut along creases: closed to rounding, differentiated exactly, the same in files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sparse_surface.benchmarks.generated_models import cylinder, flower
+from sparse_surface.solver import Approximation, Representation, Settings, approximate, resample
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.surface.bounds import error_bounds
+from sparse_surface.solver.surface.closing import Closing
+from sparse_surface.solver.surface.inspection import single_patch
+
+Array = NDArray[np.float64]
+
+COARSE = {"ring": 5, "degree": 6, "sparsity": 5, "iterations": 3, "sweeps": 0, "workers": 1}
+"""So few functions that the sides of a crease are far from meeting."""
+
+SURFACES = {
+    "default": Settings(workers=1),
+    "few functions": Settings(**COARSE),
+    "constants only": Settings(**{**COARSE, "degree": 0, "sparsity": 1}),
+    "a domain for each coordinate": Settings(**COARSE, domains="separate"),
+}
+
+
+@cache
+def cut(name: str) -> Approximation:
+    vertices, faces = cylinder()
+    edges = build_mesh(vertices, faces).edges
+    height, radius = np.abs(vertices[:, 2]), np.linalg.norm(vertices[:, :2], axis=1)
+    on_rim = (height > height.max() - 1e-9) & (radius > radius.max() - 1e-9)
+    settings = replace(SURFACES[name], creases="marked")
+    return approximate(vertices, faces, settings, sharp_edges=edges[on_rim[edges].all(axis=1)])
+
+
+def sides_of_edges(surface: Representation) -> list[tuple[tuple[int, int], list[tuple[int, int]]]]:
+    """Vertices of each edge, with its triangles and the corner in each from which it starts."""
+    found: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for number, triangle in enumerate(surface.triangles):
+        for corner in range(3):
+            start, end = int(triangle[corner]), int(triangle[(corner + 1) % 3])
+            found.setdefault((min(start, end), max(start, end)), []).append((number, corner))
+    return [(ends, sides) for ends, sides in found.items() if len(sides) == 2]
+
+
+def at_edges(surface: Representation, share: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Points of all edges as their first and as their second triangle have them, and which edges are creases."""
+    creases = set(map(tuple, surface.creases))
+    sides = sides_of_edges(surface)
+    face = np.array([[number for number, _ in both] for _, both in sides])
+    inside = np.zeros((len(sides), 2, 3))
+    for row, ((low, _), both) in enumerate(sides):
+        for k, (number, corner) in enumerate(both):
+            along = share if surface.triangles[number, corner] == low else 1.0 - share
+            inside[row, k, corner], inside[row, k, (corner + 1) % 3] = 1.0 - along, along
+    points = surface.evaluate(face.ravel(), inside.reshape(-1, 3)).reshape(-1, 2, 3)
+    return points[:, 0], points[:, 1], np.array([ends in creases for ends, _ in sides])
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_both_sides_of_every_edge_meet(name: str) -> None:
+    surface = cut(name).representation
+    assert len(surface.creases) == 120
+    assert np.abs(surface.closing.corners).max() > (1e-6 if name == "default" else 1e-4)
+    for share in (0.0, 0.13, 0.5, 0.71, 1.0):
+        one, other, _ = at_edges(surface, share)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-13 * np.ptp(surface.vertices, axis=0).max())
+
+
+def test_without_the_correction_they_do_not() -> None:
+    surface = cut("few functions").representation
+    open_ = replace(surface)
+    nothing = np.zeros((0, 3))
+    nowhere = np.full(len(surface.triangles), -1)
+    vars(open_)["closing"] = Closing(nowhere, np.zeros((0, 3, 3)), nothing.astype(int), np.zeros((0, 8, 3)))
+    one, other, crease = at_edges(open_, 0.5)
+    gap = np.linalg.norm(one - other, axis=1)
+    assert np.median(gap[crease]) > 1e-4
+    assert gap[~crease].max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["default", "few functions", "constants only"])
+def test_tangents_are_the_derivatives(name: str) -> None:
+    surface = cut(name).representation
+    rows = np.flatnonzero(surface.closing.row >= 0)
+    random = np.random.default_rng(5)
+    face = random.choice(rows, 300)
+    inside = 0.02 + 0.94 * random.dirichlet((1.0, 1.0, 1.0), 300)
+    _, tangents = surface.evaluate_with_tangents(face, inside)
+    step = 1e-5
+    for k in (1, 2):
+        move = np.zeros(3)
+        move[[0, k]] = -step, step
+        ahead, behind = surface.evaluate(face, inside + move), surface.evaluate(face, inside - move)
+        slope = (ahead - behind) / (2.0 * step)
+        np.testing.assert_allclose(tangents[:, k - 1], slope, atol=2e-6 * (1.0 + np.abs(tangents).max()))
+
+
+def test_vertices_are_where_every_triangle_has_them() -> None:
+    surface = cut("few functions").representation
+    at_corners = surface.evaluate(
+        np.repeat(np.arange(len(surface.triangles)), 3), np.tile(np.eye(3), (len(surface.triangles), 1))
+    )
+    np.testing.assert_allclose(at_corners, surface.at_vertices()[surface.triangles.ravel()], atol=1e-13)
+
+
+def test_the_surface_turns_at_the_edge() -> None:
+    surface, report = cut("default").representation, cut("default").report["creases"]
+    assert (report["edges"], report["vertices"]) == (120, 120)
+    assert report["share_at_edge"] > 0.99
+    # the rims of a cylinder are right angles
+    creases = set(map(tuple, surface.creases))
+    angles = []
+    for ends, ((one, first), (other, second)) in sides_of_edges(surface):
+        if ends in creases:
+            inside = np.zeros((2, 3))
+            inside[0, [first, (first + 1) % 3]] = inside[1, [second, (second + 1) % 3]] = 0.5
+            normals = surface.normals(np.array([one, other]), inside)
+            angles.append(np.degrees(np.arccos(normals[0] @ normals[1])))
+    away = np.abs(np.array(angles) - 90.0)
+    assert len(away) == 120
+    assert away.mean() < 4.0
+    assert away.max() < 12.0
+
+
+def test_bounds_hold_for_the_closed_surface() -> None:
+    surface = cut("few functions").representation
+    inside = np.random.default_rng(3).dirichlet((0.5, 0.5, 0.5), 200)
+    face = np.repeat(np.arange(len(surface.triangles)), 200)
+    inside = np.tile(inside, (len(surface.triangles), 1))
+    flat = np.einsum("nk,nkd->nd", inside, surface.vertices[surface.triangles[face]])
+    largest = np.linalg.norm(surface.evaluate(face, inside) - flat, axis=1).max()
+    lower, upper = error_bounds(surface)
+    assert lower <= 1.05 * largest
+    assert largest <= upper <= 1.1 * largest
+
+
+def test_files_carry_creases() -> None:
+    surface = cut("few functions").representation
+    loaded = Representation.from_bytes(surface.stored)
+    np.testing.assert_array_equal(loaded.creases, surface.creases)
+    one, other, _ = at_edges(loaded, 0.37)
+    np.testing.assert_allclose(one, other, atol=1e-13)
+    np.testing.assert_allclose(one, at_edges(surface, 0.37)[0], atol=1e-6)
+
+
+def test_resampled_creases_are_known() -> None:
+    surface = cut("few functions").representation
+    finer = resample(surface, 3)
+    assert len(finer.creases) == 3 * len(surface.creases)
+    edges = {tuple(sorted(pair)) for face in finer.polygons() for pair in zip(face, np.roll(face, -1), strict=True)}
+    assert {tuple(sorted(pair)) for pair in finer.creases} <= edges
+    radius = np.linalg.norm(finer.vertices[finer.creases.ravel(), :2], axis=1)
+    assert radius.min() > 0.9 * radius.max()
+
+
+def test_a_patch_by_itself_is_not_corrected() -> None:
+    surface = cut("few functions").representation
+    alone = single_patch(surface, 0)
+    own = slice(*surface.vertex_offsets[:2])
+    np.testing.assert_allclose(alone.at_vertices(), surface.at_patch_vertices[own], atol=1e-12)
+
+
+def test_reports_say_what_was_cut() -> None:
+    off = approximate(*flower(), Settings(workers=1, iterations=0, sweeps=0, creases="off"))
+    assert "creases" not in off.report
+    assert off.creases is None
+    assert not len(off.representation.creases)
