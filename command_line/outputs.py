@@ -136,7 +136,9 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
 
     fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
     written = fine or [each.result for each in made]
-    with named_like(written, [each.source for each in made]) if path.suffix != ".blend" else contextlib.nullcontext():
+    # A scene holds both; what distances were measured to is no source.
+    models = [each.source for each in made if each.measured is None and path.suffix != ".blend"]
+    with named_like(written, models):
         write_meshes(path, written, made[0].error_colours)
 
 
