@@ -217,7 +217,7 @@ def _write_weights(blocks: BlockWriter, surface: Fields, own: Canonical, weights
     deepest = np.zeros(len(surface.vertices), dtype=np.int64)
     np.maximum.at(deepest, vertices, depth)
     passed = (total == 0.0) & (deepest > 0)
-    levels = levels_of(cover, vertices, depth, weights) if surface.blending == "partition" else None
+    levels = levels_of(cover, cover.nodes, depth, weights) if surface.blending == "partition" else None
     levels = np.zeros(len(cover.vertex_offsets) - 1, dtype=np.int64) if levels is None else levels
     found = weights_of(cover, vertices, depth, levels, passed, surface.blending)
     if not np.allclose(found, weights, rtol=1e-9, atol=1e-12):
