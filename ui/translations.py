@@ -5,7 +5,7 @@ Each language is a file in `languages/`, in the format of gettext, which every t
 
 from __future__ import annotations
 
-import ast
+import json
 from functools import cache
 from pathlib import Path
 
@@ -32,9 +32,9 @@ def words(language: str) -> dict[str, str]:
         first, _, rest = line.partition(" ")
         if first in parts:
             kind = first
-            parts[kind] = ast.literal_eval(rest)
+            parts[kind] = json.loads(rest)
         elif line.startswith('"'):
-            parts[kind] += ast.literal_eval(line)
+            parts[kind] += json.loads(line)
         elif parts["msgid"] and parts["msgstr"]:
             found[parts["msgid"]] = parts["msgstr"]
             parts = {"msgid": "", "msgstr": ""}

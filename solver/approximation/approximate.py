@@ -34,7 +34,7 @@ from .preview import Preview
 from .report import Stopwatch, noting_early_end
 from .result import Approximation
 from .runner import ChunkRunner, chunk_runner
-from .tolerance import ToleranceKept, keep_tolerance
+from .tolerance import ToleranceKept, keep_tolerance, lowered_to
 from .welded import held_together
 
 CUT_ENDS, SOLVE_STARTS, SOLVE_ENDS, SWEEPS_END = 0.05, 0.08, 0.75, 0.93
@@ -169,7 +169,9 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     yield Progress("Bounding the error", 0.97)
     with watch.stage("measure"):
         contained, bounds = kept_inside(surface) if inside else (0, error_bounds(surface.representation()))
-    representation = surface.representation()
+        representation = surface.representation()
+        if kept is not None:
+            bounds = lowered_to(settings.tolerance, bounds, representation)
     yield Progress("Blending", 0.98)
     with watch.stage("blend"):
         points = representation.at_vertices()

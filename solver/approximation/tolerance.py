@@ -17,6 +17,7 @@ from ..arrays import Booleans
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import FINISH, Progress, Steps, within
 from ..surface.bounds import exceeding
+from ..surface.representation import Representation
 from .oscillation import MeshSurface
 
 LADDER = ((4, 1), (3, 1), (2, 2), (2, 4), (1, 4))
@@ -86,6 +87,15 @@ def keep_tolerance(surface: MeshSurface) -> Steps[ToleranceKept]:
     reproduced = _pass_through(surface, outside)
     _drop_hidden(surface)
     return ToleranceKept(settings.tolerance, before, rounds, reproduced)
+
+
+def lowered_to(tolerance: float, bounds: tuple[float, float], representation: Representation) -> tuple[float, float]:
+    """Lower the upper of an error's bounds, known to a few per cent, to a tolerance that the surface provably keeps."""
+    lower, upper = bounds
+    within = MARGIN * tolerance
+    if lower <= within < upper and not exceeding(representation, within).any():
+        return lower, within
+    return bounds
 
 
 def _outside(surface: MeshSurface, asked: Booleans) -> Booleans:

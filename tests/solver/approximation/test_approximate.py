@@ -102,8 +102,8 @@ def test_real_models_are_as_close_as_promised(load_model, model, vertex, surface
 def test_separate_domains_are_closer(approximated_cube):
     vertices, faces = cube()
     separate = approximate(vertices, faces, replace(HERE, domains="separate")).report["relative"]
-    assert separate["surface_rms"] <= 2.0e-3
-    assert separate["surface_max"] <= 8e-3
+    assert separate["surface_rms"] <= 2.1e-3  # at a gentler rigidity than 2.0e-3 took, for less ripple
+    assert separate["surface_max"] <= 9.1e-3
     assert separate["surface_rms"] < approximated_cube.report["relative"]["surface_rms"]
 
 

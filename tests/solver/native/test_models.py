@@ -107,6 +107,7 @@ def test_instruction_sets_differ_less_than_the_error(
     monkeypatch.setattr(library, "INSTRUCTION_SETS", (instructions,) * 3)
     other = approximate(vertices, faces, settings)
     size = float(np.ptp(vertices, axis=0).max())
-    assert np.linalg.norm(own.vertices - other.vertices, axis=1).max() <= 1e-3 * size
+    assert np.linalg.norm(own.vertices - other.vertices, axis=1).max() <= 2e-4 * size
     for measure in ("rms", "max"):
-        assert other.report["surface_error"][measure] == pytest.approx(own.report["surface_error"][measure], rel=1e-3)
+        expected = pytest.approx(own.report["surface_error"][measure], rel=5e-3, abs=1e-12 * size)
+        assert other.report["surface_error"][measure] == expected

@@ -162,15 +162,17 @@ def test_holes_in_polygons_stay_open() -> None:
     assert area == pytest.approx(8.0)
 
 
-def test_a_mesh_that_is_not_welded_stays_as_it_is_at_its_seams() -> None:
+@pytest.mark.parametrize("held_together", [True, False])
+def test_a_mesh_that_is_not_welded_stays_as_it_is_at_its_seams(held_together: bool) -> None:
     """Each face has vertices of its own, as STL files have them: nothing moves apart, and the report counts them."""
     vertices, faces = grid(8, 8)
     corners = np.concatenate(faces)
-    result = result_of(vertices[corners], np.arange(len(corners)).reshape(-1, 4))
-    assert result.report["input"]["components"] == len(faces)
+    settings = Settings(workers=1) if held_together else Settings(workers=1, merge_vertices=False)
+    result = result_of(vertices[corners], np.arange(len(corners)).reshape(-1, 4), settings)
+    assert result.report["input"]["components"] == (1 if held_together else len(faces))
     for vertex in range(len(vertices)):
         copies = result.vertices[corners == vertex]
-        assert np.ptp(copies, axis=0).max() < 1e-2
+        assert np.ptp(copies, axis=0).max() < (1e-12 if held_together else 1e-2)
 
 
 def test_refusals_change_nothing_and_name_what_is_wrong() -> None:
