@@ -2,8 +2,8 @@
 
     python read_representation.py model.npz        writes model.obj, the surface at the mesh's vertices
 
-It reads files of the quality "plain", and is made to be read, not to be fast: it checks nothing of what a file says, and
-leaves out what closes a surface along its creases.
+It reads files of the quality "plain", and is made to be read, not to be fast: it checks nothing of what a file says,
+and leaves out what closes a surface along its creases.
 """
 
 import json

@@ -112,7 +112,8 @@ def test_a_denoised_mesh_can_be_resampled_and_looked_at():
     assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
     fine = bpy.context.view_layer.objects.active
     count = len(result.data.vertices)
-    assert np.allclose(scenes.positions(fine.data)[:count], scenes.positions(result.data), atol=1e-6)
+    # the compact form that a .blend carries moves the input's vertices by up to 3e-5 of the longest side
+    assert np.allclose(scenes.positions(fine.data)[:count], scenes.positions(result.data), atol=3e-5)
     scenes.select(result)
     with pytest.raises(RuntimeError, match="has no patches"):
         bpy.ops.sparse_surface.inspect_patch()

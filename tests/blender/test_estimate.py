@@ -39,7 +39,8 @@ def test_patches_of_small_meshes(kind: str, ring: int) -> None:
         made = ico_sphere(int(size)) if shape == "sphere" else scenes.creased_sheet(int(size))
     assert seems_closed(made, bpy.context) == (shape != "sheet")
     faces = [list(face.vertices) for face in made.data.polygons]
-    settings = Settings(ring=ring, iterations=0, sweeps=0, workers=1)
+    # creases are only found by solving: what they add to the patches, nobody can say before
+    settings = Settings(ring=ring, iterations=0, sweeps=0, workers=1, creases="off")
     came = approximate(scenes.positions(made.data), faces, settings).report["patches"]
     said = estimate(len(made.data.vertices), settings, closed=shape != "sheet").patches
     assert abs(said - came) <= max(2, 0.25 * came), f"{said} said, {came} came"

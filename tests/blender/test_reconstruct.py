@@ -279,7 +279,10 @@ def test_open_clouds_get_open_bases():
         (np.random.default_rng(0).normal(size=(50, 3)) * [1, 1, 0], "All the points lie in one plane: choose a base"),
         (np.random.default_rng(0).normal(size=(50, 3)) * [1, 0, 0], "All the points lie on one line: choose a base"),
         (np.full((9, 3), 2.0), "All the points are at one place"),
-        (np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0], [0, 0, 1], [1, 1, 1.0]]), "Point 2 has a coordinate"),
+        (
+            np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0], [0, 0, 1.0]]),
+            "A surface needs at least 4 points; there are 3",
+        ),
     ],
     ids=["three", "none", "plane", "line", "one place", "nan"],
 )

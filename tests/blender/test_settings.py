@@ -11,7 +11,7 @@ import pytest
 from bl_ext.user_default.sparse_surface.operators.data import presets
 from bl_ext.user_default.sparse_surface.operators.run.estimate import estimate
 from bl_ext.user_default.sparse_surface.solver.settings import PRESETS, Settings
-from bl_ext.user_default.sparse_surface.ui import advanced_panel, properties, translations
+from bl_ext.user_default.sparse_surface.ui import advanced_panel, properties
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -136,16 +136,3 @@ def test_estimated_time_grows_with_the_work():
     assert estimate(20_000, Settings()).seconds == pytest.approx(2.0 * base)
     assert estimate(10_000, Settings(domains="separate")).seconds > 1.5 * base
     assert estimate(10_000, Settings(method="traditional")).seconds < 0.5 * base
-
-
-def test_words_of_the_interface_are_in_the_dictionary():
-    """Every translated word is one that the interface shows."""
-    folder = Path(properties.__file__).parent.parent
-    sources = [
-        path.read_text(encoding="utf-8") for part in ("operators", "ui") for path in (folder / part).rglob("*.py")
-    ]
-    shown = "\n".join(text for text in sources if "_GERMAN" not in text)
-    registered = translations.DICTIONARY["de"]
-    assert len(registered) > 10
-    for _, word in registered:
-        assert f'"{word}"' in shown, word

@@ -39,6 +39,8 @@ def of_blender() -> Iterator[tuple[str, str]]:
     """Yield what registered classes show: labels, descriptions, properties, items of enumerations."""
     for name in (each for each in dir(bpy.types) if each.startswith("SPARSE_SURFACE_")):
         registered = getattr(bpy.types, name)
+        if name == "SPARSE_SURFACE_MT_presets":  # shows the name of the preset that was chosen last
+            continue
         if "_OT_" in name:
             shown = getattr(bpy.ops.sparse_surface, name.partition("_OT_")[2]).get_rna_type()
             yield name, shown.name
