@@ -281,7 +281,7 @@ def test_open_clouds_get_open_bases():
         (np.full((9, 3), 2.0), "All the points are at one place"),
         (
             np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0], [0, 0, 1.0]]),
-            "A surface needs at least 4 points; there are 3",
+            "at least 4 points; of 4 only 3 can be used",
         ),
     ],
     ids=["three", "none", "plane", "line", "one place", "nan"],
