@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Indices
+from ...arrays import Array, Indices
 from ..container import demand
 from .blocks import BlockReader, BlockWriter
 
@@ -19,8 +19,28 @@ SCALE, LOWEST = 1 << SCALE_BITS, 1 << WORD_BITS
 CONTEXTS, SYMBOLS = 24, 96
 """Most tables, and symbols of a table: numbers have up to 47 bits."""
 
+LARGEST = 2.0**46
+"""A number lies strictly between this and its negative."""
+
 MOST_LANES = 256
 NUMBERS_OF_A_LANE = 400
+
+
+class TooLargeError(ArithmeticError):
+    """A number has more bits than a table has symbols for."""
+
+
+def whole_numbers(values: Array) -> Indices:
+    """Return the nearest whole numbers.
+
+    Raises
+    ------
+    TooLargeError
+        When one is not below `LARGEST`, or not a number.
+    """
+    if not (np.abs(values) < LARGEST - 1.0).all():
+        raise TooLargeError("a number of more than 47 bits")
+    return np.rint(values).astype(np.int64)
 
 
 def split(numbers: Indices) -> tuple[Indices, Indices, Indices]:
@@ -61,8 +81,6 @@ class NumberWriter:
         none = [np.zeros(0, dtype=np.int64)]
         numbers, contexts = np.concatenate(none + self._numbers), np.concatenate(none + self._contexts)
         symbol, bits, plain = split(numbers)
-        if symbol.max(initial=0) >= SYMBOLS:
-            raise OverflowError(f"{name} needs numbers of more than 47 bits")
         counts = np.bincount(contexts * SYMBOLS + symbol, minlength=CONTEXTS * SYMBOLS).reshape(CONTEXTS, SYMBOLS)
         table = _scaled(counts)
         lanes = max(min(MOST_LANES, len(numbers) // NUMBERS_OF_A_LANE), 1)

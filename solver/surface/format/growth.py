@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 
 from ...arrays import Array, Booleans, Indices
 from ..container import demand
-from .entropy import CONTEXTS, NumberReader, NumberWriter
+from .entropy import CONTEXTS, NumberReader, NumberWriter, whole_numbers
 
 
 class Coder(Protocol):
@@ -51,8 +51,9 @@ class Writing:
         self._values, self.sizes, self.numbers = values, np.zeros(values.shape), NumberWriter()
 
     def __call__(self, places: Indices, predicted: Array, steps: Array, expected: Array) -> Array:
-        """Return the nearest values."""
-        found = np.rint((self._values[places] - predicted) / steps).astype(np.int64)
+        """Return the nearest values; raises `TooLargeError` where a step is too small for them."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            found = whole_numbers((self._values[places] - predicted) / steps)
         self.numbers.add(found.ravel(), contexts_of(expected, steps).ravel())
         self.sizes[places] = np.abs(found) * steps
         return predicted + found * steps

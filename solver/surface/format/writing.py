@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -15,7 +16,7 @@ from .connectivity import write_faces, write_triangles
 from .content import Sizes
 from .cover import Cover, Incidence, ring_members, weights_of
 from .domains import Shapes, code_domains
-from .entropy import NumberWriter
+from .entropy import NumberWriter, TooLargeError, whole_numbers
 from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps
 from .growth import Writing
 from .positions import code_positions
@@ -228,9 +229,14 @@ def _write_weights(blocks: BlockWriter, surface: Fields, own: Canonical, weights
 
 
 def _write_positions(blocks: BlockWriter, surface: Fields, quality: Quality, side: float) -> Array:
-    if not quality.vertices:
-        blocks.real("exact_vertices", surface.vertices.T)
-        return surface.vertices
+    with contextlib.suppress(TooLargeError):
+        if quality.vertices:
+            return _rounded_positions(blocks, surface, quality, side)
+    blocks.real("exact_vertices", surface.vertices.T)
+    return surface.vertices
+
+
+def _rounded_positions(blocks: BlockWriter, surface: Fields, quality: Quality, side: float) -> Array:
     low = surface.vertices.min(axis=0)
     total: Array = np.bincount(surface.patch_vertices, surface.weights, len(surface.vertices)).astype(np.float64)
     steps = position_steps(surface.triangles, total, quality.vertices * side, quality.shown * side)
@@ -252,7 +258,10 @@ def _write_functions(
     step, before = quality.functions * side, surface.at_vertices()
     for _ in range(ATTEMPTS if step else 0):
         draft = BlockWriter()
-        found = _rounded_functions(draft, surface, mean_positions(cover, positions), step)
+        try:
+            found = _rounded_functions(draft, surface, mean_positions(cover, positions), step)
+        except TooLargeError:
+            break
         if np.abs(replace(surface, **found).at_vertices() - before).max() <= quality.error * side / 3.0:
             blocks.take(draft)
             return found
@@ -265,14 +274,14 @@ def _write_functions(
 
 
 def _rounded_functions(blocks: BlockWriter, surface: Fields, mean: Array, step: float) -> dict[str, Any]:
-    number = np.rint((surface.origins - mean) / step).astype(np.int64)
+    number = whole_numbers((surface.origins - mean) / step)
     scales = surface.scales.astype(np.float32).astype(np.float64)
     width = surface.support.shape[2]
     order = np.argsort(np.where(surface.support < 0, np.iinfo(np.int64).max, surface.support), axis=2, kind="stable")
     support = np.take_along_axis(surface.support, order, axis=2)
     given = np.where(support < 0, 0.0, np.take_along_axis(surface.coefficients, order, axis=2))
     steps = coefficient_steps(scales, step, support)
-    coefficients = np.rint(given / steps).astype(np.int64)
+    coefficients = whole_numbers(given / steps)
     blocks.real("function_step", np.array([step]))
     blocks.whole("origins", number.T)
     blocks.real("scales", scales)
@@ -306,8 +315,12 @@ class DomainWriting:
 
         Vertices that would move too far get finer steps; where these are many, all do.
         """
-        if not quality.domains:
-            return self._plain(blocks, quality.error)
+        with contextlib.suppress(TooLargeError):
+            if quality.domains:
+                return self._stepped(blocks, quality)
+        return self._plain(blocks, quality.error)
+
+    def _stepped(self, blocks: BlockWriter, quality: Quality) -> float:
         step, finer = quality.domains * self.side, np.zeros(len(self.surface.vertices), dtype=bool)
         places = self._places()
         before = self._points(self.surface, places)

@@ -49,7 +49,16 @@ def test_files_are_small_and_their_surfaces_stay() -> None:
     assert np.abs(compact.vertices - surface.vertices).max() <= 2.6e-5 * side
 
 
+def crushed() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """A cylinder pressed flat with a third of its vertices at one place: many triangles have no area."""
+    vertices, faces = cylinder()
+    flat = vertices * [1.0, 1.0, 0.0]
+    flat[::3] = flat[0]
+    return flat, faces
+
+
 MODELS = {
+    "crushed": (crushed, {"creases": "off"}),
     "open": (lambda: creased_terrain(20), {}),
     "quads": (lambda: (creased_terrain(16)[0], quads_of(creased_terrain(16)[1])), {}),
     "closed": (cylinder, {"creases": "off"}),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -43,13 +45,17 @@ def bow_tie() -> tuple[Array, list[list[int]]]:
 MESHES = {"cube": lambda: cube(7), "bow tie": bow_tie, "moebius": lambda: moebius(36, 5)}
 
 
+SOLVERS = ("native", "numpy")
+
+
 @cache
-def representation(mesh: str, kind: str) -> Representation:
+def representation(mesh: str, kind: str, solver: str = "native") -> Representation:
     vertices, faces = MESHES[mesh]()
-    return approximate(vertices, faces, Settings(**{**QUICK, **KINDS[kind]})).representation
+    found = approximate(vertices, faces, Settings(**{**QUICK, **KINDS[kind]})).representation
+    return replace(found, solver=solver)
 
 
-@pytest.fixture(params=[(mesh, kind) for mesh in MESHES for kind in KINDS], ids="-".join)
+@pytest.fixture(params=list(product(MESHES, KINDS, SOLVERS)), ids="-".join)
 def surface(request: pytest.FixtureRequest) -> Representation:
     return representation(*request.param)
 
@@ -130,10 +136,11 @@ def test_tangents_are_those_of_finite_differences(surface: Representation) -> No
         np.testing.assert_allclose(tangents[:, k - 1], (there - back) / (2 * step), rtol=1e-5, atol=1e-8)
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("kind", list(KINDS))
-def test_tangents_where_the_input_shows_through(kind: str) -> None:
+def test_tangents_where_the_input_shows_through(kind: str, solver: str) -> None:
     """Around the vertex that the bow tie's sheets share, which no patch moves, the input has a part of the weight."""
-    surface = representation("bow tie", kind)
+    surface = representation("bow tie", kind, solver)
     face = np.flatnonzero((surface.triangles == 80).any(axis=1))
     assert len(face) == 4
     inside = np.tile([0.5, 0.2, 0.3], (len(face), 1))
