@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import runpy
 import shutil
 import subprocess
 import sys
@@ -70,12 +71,13 @@ def compile_into(library: Path, compiler: list[str], sets: dict[str, tuple[str, 
     """Compile the kernel once for each instruction set and link one library; it appears when it is complete."""
     library.parent.mkdir(parents=True, exist_ok=True)
     position = [] if library.suffix == ".dll" else ["-fPIC"]
+    stamp = runpy.run_path(str(SOURCES / "stamp.py"))["source_stamp"](SOURCES)
     with tempfile.TemporaryDirectory(prefix=".native_", dir=library.parent) as folder:
         objects = []
         for name, options in [*sets.items(), ("processor", next(iter(sets.values())))]:
             source = SOURCES / ("processor.c" if name == "processor" else "kernel.c")
             objects.append(str(Path(folder) / f"{name}.o"))
-            chosen = [*OPTIONS, *position, *options, f"-DINSTRUCTIONS={name}"]
+            chosen = [*OPTIONS, *position, *options, f"-DINSTRUCTIONS={name}", f'-DSTAMP="{stamp}"']
             run([*compiler, *chosen, "-c", str(source), "-o", objects[-1]], **variables)
         draft = Path(folder) / library.name
         run([*compiler, "-shared", "-s", *next(iter(sets.values())), *objects, "-lm", "-o", str(draft)], **variables)
@@ -97,7 +99,7 @@ def library_here() -> Path:
 
 def is_current(library: Path) -> bool:
     """Whether a library is newer than everything it is made from."""
-    made_from = [*SOURCES.glob("*.[ch]"), Path(__file__)]
+    made_from = [*SOURCES.glob("*.[ch]"), SOURCES / "stamp.py", Path(__file__)]
     return library.is_file() and all(library.stat().st_mtime >= path.stat().st_mtime for path in made_from)
 
 

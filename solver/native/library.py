@@ -15,6 +15,7 @@ from typing import Any
 
 from ..patch_methods import METHODS
 from ..settings import Settings
+from .stamp import source_stamp
 
 EXTENSIONS = {"win32": "dll", "darwin": "dylib"}
 """Ends of the names of shared libraries; "so" elsewhere."""
@@ -95,9 +96,24 @@ def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
     if not path().is_file():
         return None, f"The compiled kernel has not been built for {sys.platform} on {platform.machine()}."
     try:
-        return ctypes.CDLL(str(path())), None
+        library = ctypes.CDLL(str(path()))
     except OSError as error:
         return None, f"The compiled kernel cannot be loaded: {error}."
+    expected = source_stamp(Path(__file__).parent)
+    if expected is not None and _stamp(library) != expected:
+        return None, "The compiled kernel was built from other sources: run scripts/build_native.py again."
+    return library, None
+
+
+def _stamp(library: ctypes.CDLL) -> str | None:
+    """What the library says of the sources that it was built from; None where it is too old to say it."""
+    try:
+        stamp = library.source_stamp
+    except AttributeError:
+        return None
+    stamp.restype = ctypes.c_char_p
+    found: bytes = stamp()
+    return found.decode()
 
 
 def function(name: str, instructions: str | None = None) -> Any:

@@ -1,4 +1,5 @@
-/* Which of the instruction sets that the kernel was compiled for this processor has. */
+/* What the library says of itself: which of its instruction sets this processor has, and which sources it was built
+ * from. */
 #include "kernel.h"
 
 #if defined(__x86_64__)
@@ -30,3 +31,6 @@ static int best_set(void) { return 0; }
 #endif
 
 EXPORTED int instruction_set(void) { return best_set(); }
+
+/* STAMP comes from scripts/build_native.py; library.py compares it with the sources that lie beside it. */
+EXPORTED const char *source_stamp(void) { return STAMP; }

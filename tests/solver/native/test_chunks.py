@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,10 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sparse_surface.benchmarks.generated_models import sphere
+from sparse_surface.solver import approximate
 from sparse_surface.solver.fitting import chunks as by_numpy
 from sparse_surface.solver.fitting.batch import Problem, WarmStart
 from sparse_surface.solver.fitting.chunks import ChunkTask, PatchFit
 from sparse_surface.solver.native import chunks, library
+from sparse_surface.solver.native.stamp import source_stamp
 from sparse_surface.solver.settings import Settings
 from synthetic import crease, hill, problem
 
@@ -280,3 +284,39 @@ def test_a_broken_library_is_a_reason(monkeypatch: pytest.MonkeyPatch, tmp_path:
         assert "cannot be loaded" in str(library.reason_against())
     finally:
         library._loaded.cache_clear()
+
+
+STALE = """
+const char *source_stamp(void) { return "0123456789abcdef"; }
+int instruction_set(void) { return 0; }
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+@pytest.mark.parametrize("source", [STALE, "int instruction_set(void) { return 0; }"], ids=["other", "without a stamp"])
+def test_a_library_of_other_sources_leaves_the_work_to_numpy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, source: str
+) -> None:
+    """Such as one that was built before the sources were pulled: its functions may be missing, or take other things."""
+    (tmp_path / "stale.c").write_text(source)
+    stale = tmp_path / "libstale.so"
+    subprocess.run(["cc", "-shared", "-fPIC", str(tmp_path / "stale.c"), "-o", str(stale)], check=True)
+    monkeypatch.setattr(library, "path", lambda: stale)
+    library._loaded.cache_clear()
+    try:
+        assert "was built from other sources" in str(library.reason_against())
+        assert library.supported_sets() == ()
+        result = approximate(*sphere(4), Settings(ring=3, degree=4, iterations=2, workers=1))
+        assert result.report["numpy_reason"] == library.reason_against()
+    finally:
+        library._loaded.cache_clear()
+
+
+def test_the_stamp_counts_every_source_and_no_line_end(tmp_path: Path) -> None:
+    assert source_stamp(tmp_path) is None
+    (tmp_path / "a.c").write_bytes(b"int a;\nint b;\n")
+    first = source_stamp(tmp_path)
+    (tmp_path / "a.c").write_bytes(b"int a;\r\nint b;\r\n")
+    assert source_stamp(tmp_path) == first
+    (tmp_path / "a.h").write_bytes(b"")
+    assert source_stamp(tmp_path) != first
