@@ -52,3 +52,14 @@ def test_the_creases_of_a_cube(marked):
     at_crease = (np.isclose(np.abs(found), half, atol=0.1 * half).sum(axis=1) >= 2).mean()
     assert at_crease > 0.9
     assert len(found) > 0.7 * 12 * 8
+
+
+def test_a_smooth_head_has_no_creases():
+    settings = bpy.context.scene.sparse_surface
+    settings.workers, settings.sweeps, settings.iterations = 1, 0, 2
+    bpy.ops.mesh.primitive_monkey_add()
+    bpy.context.object.modifiers.new("Subdivision", "SUBSURF").levels = 2
+    bpy.ops.sparse_surface.approximate()
+    result = bpy.context.object
+    assert len(result.data.vertices) == 7958
+    assert result["sparse_surface"]["creases"]["edges"] == 0

@@ -46,6 +46,13 @@ def test_a_sphere_has_none() -> None:
     assert result.report["creases"] == {"edges": 0, "vertices": 0, "share_at_edge": 1.0}
 
 
+def test_noise_on_a_sphere_has_none() -> None:
+    vertices, faces = sphere(16)
+    rough = vertices + np.random.default_rng(0).normal(scale=0.05, size=vertices.shape)
+    assert potential_creases(build_mesh(rough, faces)).edges.any()
+    assert not found(rough, faces, iterations=2)
+
+
 @pytest.mark.parametrize("settings", [{"method": "paper"}, {"method": "traditional"}, {"blending": "uniform"}])
 def test_methods_without_creases(settings: dict[str, str]) -> None:
     assert not found(*cube(8), iterations=1, **settings)
