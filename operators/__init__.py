@@ -24,6 +24,7 @@ OPERATORS = (
     "inspect_patch",
     "open_sample",
     "preset_add",
+    "read_values",
     "reconstruct",
     "report_bug",
     "resample",
@@ -42,7 +43,7 @@ OPERATORS = (
 
 WATCHERS = (
     "data.origins", "run.session", "run.watch", "run.preloading", "preview.object", "heat_map.shown",
-    "heat_map.following", "heat_map.asset_library",
+    "heat_map.following", "heat_map.readings", "heat_map.asset_library",
 )  # fmt: skip
 """Modules with handlers for what happens in Blender."""
 

@@ -2,24 +2,10 @@
 
 from __future__ import annotations
 
-from bpy.app.translations import pgettext_rpt as rpt_
-from bpy.types import Context, Operator, SpaceView3D
+from bpy.types import Context, Operator
 
-from .data.result_keys import has_heat_map
 from .heat_map.shown import restore, show, shows_heat_map
-from .run.poll import needs
-
-
-def in_viewport(context: Context) -> str:
-    """The mouse is in a 3D viewport."""
-    return "" if isinstance(context.space_data, SpaceView3D) else rpt_("Only in a 3D viewport")
-
-
-def heat_map(context: Context) -> str:
-    """The viewport shows a heat map, or the active object has one."""
-    if shows_heat_map(context.space_data) or has_heat_map(context.active_object):
-        return ""
-    return rpt_("The active object has no heat map; approximate a mesh or compare two meshes first")
+from .run.poll import heat_map, in_viewport, needs
 
 
 class SPARSE_SURFACE_OT_show_heat_map(Operator):

@@ -9,6 +9,7 @@ from .data.origins import POINT_ERRORS, earlier, source_of
 from .data.viewports import join_local_views
 from .data.visibility import hide, show
 from .heat_map.point_bodies import give_bodies
+from .heat_map.shown import show_here
 from .run.poll import needs, object_mode
 
 
@@ -44,4 +45,5 @@ class SPARSE_SURFACE_OT_show_point_errors(Operator):
         give_bodies(points)
         show(points, context)
         join_local_views(points, context.active_object, context)
+        show_here(context)
         return {"FINISHED"}

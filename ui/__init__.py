@@ -6,7 +6,7 @@ from importlib import import_module
 
 MODULES = (
     "properties", "preferences", "presets", "panels", "result_panel", "inspect_panel",
-    "advanced_panel", "menus", "help_panel", "legend", "command", "translations",
+    "advanced_panel", "menus", "help_panel", "legend", "readings", "command", "translations",
 )  # fmt: skip
 """The modules that register something, in this order; each has `register` and `unregister`."""
 

@@ -11,11 +11,13 @@ from bpy.props import (
     FloatProperty,
     FloatVectorProperty,
     IntProperty,
+    PointerProperty,
     StringProperty,
 )
-from bpy.types import Context, PropertyGroup
+from bpy.types import Context, Object, PropertyGroup
 
 from ..operators.data.presets import preset_names, preset_title
+from ..operators.measure.options import how_to_measure
 from ..solver.settings import MOST_SPLITS, PRESETS
 
 
@@ -79,4 +81,28 @@ class SparseSurfaceComparison(PropertyGroup):
     )
 
 
-CLASSES = (SparseSurfaceTerm, SparseSurfaceEnergy, SparseSurfaceInspection, SparseSurfaceComparison)
+def _can_be_measured(measurement: PropertyGroup, candidate: Object) -> bool:
+    return candidate.type in {"MESH", "POINTCLOUD"}
+
+
+class SparseSurfaceMeasurement(PropertyGroup):
+    """How distances are measured; what the operator asks, too, is added below."""
+
+    reference: PointerProperty(
+        type=Object,
+        name="Reference",
+        description="What all selected objects are measured against. "
+        "Without one the active of two selected objects is measured against the other",
+        poll=_can_be_measured,
+    )
+
+
+SparseSurfaceMeasurement.__annotations__.update(how_to_measure())
+
+CLASSES = (
+    SparseSurfaceTerm,
+    SparseSurfaceEnergy,
+    SparseSurfaceInspection,
+    SparseSurfaceComparison,
+    SparseSurfaceMeasurement,
+)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import blf
 import bpy
@@ -12,13 +13,24 @@ from bpy.types import Context, Object, SpaceView3D
 from gpu_extras.batch import batch_for_shader
 
 from ..operators.data.lengths import unit_for
-from ..operators.data.result_keys import DISTANCES, ERROR_COLOUR, MADE_FROM, PATCH_COLOUR, REPORT, SCALE, has_heat_map
+from ..operators.data.result_keys import (
+    DISTANCES,
+    ERROR_COLOUR,
+    MADE_FROM,
+    PATCH_COLOUR,
+    REPORT,
+    SCALE,
+    SHARES,
+    has_heat_map,
+)
 from ..operators.data.viewports import sidebar_width
 from ..operators.heat_map.shown import anywhere_shown, shows_colours
 
 BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
 BLOCK_WIDTH = 120
-"""Of bar and words together."""
+"""Of bar and words together; wider where words need it."""
+HISTOGRAM_WIDTH = 70
+"""Of the longest bar of the histogram, at the left of the colours."""
 NAVIGATION_WIDTH, NAVIGATION_HEIGHT = 44, 140
 """Of the buttons at the right side, and of the gizmo above them."""
 
@@ -48,15 +60,31 @@ class Band:
 
 @dataclass(frozen=True)
 class Legend:
-    """Bands of colour from bottom to top, tick marks and words."""
+    """Bands of colour from bottom to top, tick marks and words, bars of a histogram, and the width of it all."""
 
     bands: tuple[Band, ...]
     ticks: tuple[float, ...]
     texts: tuple[Text, ...]
+    bars: tuple[Band, ...] = ()
+    width: float = BLOCK_WIDTH
+
+    @property
+    def left(self) -> float:
+        """Where it begins."""
+        return min([word.x for word in self.texts] + [bar.left for bar in self.bars])
 
 
 def build_legend(
-    low: float, high: float, tolerance: float, title: str, height: float, *, right: float, scale: float = 1.0
+    low: float,
+    high: float,
+    tolerance: float,
+    title: str,
+    height: float,
+    *,
+    right: float,
+    scale: float = 1.0,
+    shares: Sequence[float] = (),
+    text_width: Callable[[str], float] | None = None,
 ) -> Legend:
     """Lay the legend out, in the lower right corner: Blender's own words and panels lie in the others.
 
@@ -72,6 +100,10 @@ def build_legend(
         Where the sidebar begins, or the viewport ends, in pixels from the left.
     scale
         Pixels per point of Blender's interface.
+    shares
+        Which share of the area has values in each part of the range, or in each band; nothing without a histogram.
+    text_width
+        Returns the width of a word in pixels; without it words are taken to fit.
     """
     margin, width, gap = MARGIN * scale, BAR_WIDTH * scale, GAP * scale
     start = _left(right, scale)
@@ -79,7 +111,8 @@ def build_legend(
     length = max(min(BAR_HEIGHT * scale, height - 2 * margin - 2 * line - NAVIGATION_HEIGHT * scale), 2 * line)
     heading = Text(start, margin + length + line * 0.7, title)
     if tolerance > 0.0:
-        return _bands(start, margin, width, gap, length, tolerance, heading, signed=low < 0.0)
+        made = _bands(start, margin, width, gap, length, tolerance, heading, signed=low < 0.0, shares=shares)
+        return _widened(made, scale, text_width)
     count = 64
     bands = tuple(
         Band(start, margin + length * k / count, start + width, margin + length * (k + 1) / count, (k + 0.5) / count)
@@ -92,13 +125,44 @@ def build_legend(
         Text(start + width + gap, y - TEXT_SIZE * 0.35 * scale, f"{value:.{4 if value == high else digits}g}")
         for value, y in zip(values, ticks, strict=True)
     )
-    return Legend(bands, ticks, (heading, *words))
+    made = Legend(bands, ticks, (heading, *words), _histogram(start, margin, length, shares, scale))
+    return _widened(made, scale, text_width)
+
+
+def _histogram(start: float, margin: float, length: float, shares: Sequence[float], scale: float) -> tuple[Band, ...]:
+    """Lay out a bar for each share, at the left of the colours, from bottom to top; the longest fills the width."""
+    most, count = max(shares, default=0.0), len(shares)
+    if most <= 0.0:
+        return ()
+    edge = start - GAP / 2.0 * scale
+    heights = [margin + length * k / count for k in range(count + 1)]
+    return tuple(
+        Band(edge - HISTOGRAM_WIDTH * scale * share / most, low, edge, high, (k + 0.5) / count)
+        for k, (share, low, high) in enumerate(zip(shares, heights[:-1], heights[1:], strict=True))
+        if share > 0.0
+    )
+
+
+def _widened(legend: Legend, scale: float, text_width: Callable[[str], float] | None) -> Legend:
+    """Move a legend to the left, away from what lies at its right, so far that its longest word has room."""
+    start = legend.bands[0].left
+    right = start + BLOCK_WIDTH * scale
+    needed = max([right, *(word.x + text_width(word.text) for word in legend.texts)]) if text_width else right
+    by = right - needed
+    boxes = [
+        tuple(replace(each, left=each.left + by, right=each.right + by) for each in group)
+        for group in (legend.bands, legend.bars)
+    ]
+    words = tuple(replace(word, x=word.x + by) for word in legend.texts)
+    left = min([start, *(bar.left for bar in legend.bars)])
+    return Legend(boxes[0], legend.ticks, words, boxes[1], needed - left)
 
 
 def legend_of_patches(right: float, scale: float = 1.0) -> Legend:
     """Lay out what stands in the place of the legend where patches are shown."""
     start, margin, line = _left(right, scale), MARGIN * scale, TEXT_SIZE * 1.6 * scale
-    return Legend((), (), (Text(start, margin + line, iface_("Patches")), Text(start, margin, iface_("a colour each"))))
+    words = (Text(start, margin + line, iface_("Patches")), Text(start, margin, iface_("a colour each")))
+    return Legend((), (), words, width=BLOCK_WIDTH * scale)
 
 
 def _left(right: float, scale: float) -> float:
@@ -108,23 +172,37 @@ def _left(right: float, scale: float) -> float:
 def surrounding_box(legend: Legend, scale: float = 1.0) -> tuple[float, float, float, float]:
     """Return left, bottom, right and top of the dark box that makes a legend readable on every background."""
     pad, text = GAP * scale, TEXT_SIZE * scale
-    start = legend.texts[0].x
+    start = legend.left
     bottom = min([*(band.bottom for band in legend.bands), *(word.y for word in legend.texts)])
     top = max(word.y for word in legend.texts) + text
-    return start - pad, bottom - pad, start + BLOCK_WIDTH * scale + pad, top + pad
+    return start - pad, bottom - pad, start + legend.width + pad, top + pad
 
 
 def _bands(
-    start: float, margin: float, width: float, gap: float, length: float, tolerance: float, title: Text, *, signed: bool
+    start: float,
+    margin: float,
+    width: float,
+    gap: float,
+    length: float,
+    tolerance: float,
+    title: Text,
+    *,
+    signed: bool,
+    shares: Sequence[float],
 ) -> Legend:
-    """Lay out bands of equal height: inside and outside of the tolerance, or below, within and above it."""
+    """Lay out bands of equal height: inside and outside of the tolerance, or below, within and above it.
+
+    Each says which share of the area lies in it.
+    """
     names = (iface_("below"), iface_("within"), iface_("above")) if signed else (iface_("inside"), iface_("outside"))
     borders = (-tolerance, tolerance) if signed else (tolerance,)
-    count = len(names)
+    count, said = len(names), list(names)
     edges = [margin + length * k / count for k in range(count + 1)]
     bands = tuple(Band(start, edges[k], start + width, edges[k + 1], (k + 0.5) / count) for k in range(count))
     x = start + width + gap
-    words = [Text(x, (edges[k] + edges[k + 1]) / 2, name) for k, name in enumerate(names)]
+    if len(shares) == count:
+        said = [f"{name}  {share:.1%}" for name, share in zip(names, shares, strict=True)]
+    words = [Text(x, (edges[k] + edges[k + 1]) / 2, name) for k, name in enumerate(said)]
     words += [Text(x, edge, f"{value:.4g}") for edge, value in zip(edges[1:-1], borders, strict=True)]
     return Legend(bands, tuple(edges[1:-1]), (title, *words))
 
@@ -183,11 +261,24 @@ def draw() -> None:
         unit, factor = unit_for(context.scene, tolerance or high)
         values = low * factor, high * factor, tolerance * factor
         title = title_of(coloured, unit)
-        legend = build_legend(*values, title, context.region.height, right=right, scale=interface)
+        legend = build_legend(
+            *values,
+            title,
+            context.region.height,
+            right=right,
+            scale=interface,
+            shares=coloured.get(SHARES, ()),
+            text_width=_text_width(interface),
+        )
     _draw_box(surrounding_box(legend, interface))
     if legend.bands:
         _draw_bands(legend, low, high, tolerance)
     _draw_words(legend, interface)
+
+
+def _text_width(interface: float) -> Callable[[str], float]:
+    blf.size(0, TEXT_SIZE * interface)
+    return lambda text: float(blf.dimensions(0, text)[0])
 
 
 def _right_edge(context: Context) -> float:
@@ -213,7 +304,7 @@ def _draw_bands(legend: Legend, low: float, high: float, tolerance: float) -> No
     indices: list[tuple[int, int, int]] = []
     scale = ColourScale(low, high, tolerance)
     srgb = scale.bands if tolerance > 0.0 else linear_to_srgb(ramp(scale.signed))
-    for band in legend.bands:
+    for band in (*legend.bands, *legend.bars):
         colour = srgb[int(band.share * (len(srgb) if tolerance > 0.0 else STEPS - 1))]
         first = len(positions)
         positions += [

@@ -24,6 +24,7 @@ LOOK: tuple[Entry, ...] = (
     ("show_patches", "COLOR"),
     ("show_point_errors", "POINTCLOUD_DATA"),
     ("show_source", "HIDE_OFF"),
+    ("read_values", "EYEDROPPER"),
     ("select_above", "RESTRICT_SELECT_OFF"),
     ("use_heat_map_material", "MATERIAL"),
     ("inspect_patch", "VIEWZOOM"),

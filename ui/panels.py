@@ -10,6 +10,7 @@ from bpy.types import Context, Panel, PropertyGroup, UILayout
 
 from ..operators.data.objects import current_name, selected_meshes, selected_points
 from ..operators.data.presets import matching_preset, preset_title
+from ..operators.heat_map.readings import readings
 from ..operators.heat_map.shown import shows_heat_map
 from ..operators.run import preloading
 from ..operators.run.control import Run
@@ -28,7 +29,7 @@ from ..operators.run.status import duration_text, in_words, remaining_text
 from ..operators.run.way_on import draw_way_on
 from .jobs import ITEMS
 from .optional import draw_optional
-from .sidebar import SidebarPanel, draw_lines
+from .sidebar import SidebarPanel, draw_lines, settle_if_changed
 
 
 class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
@@ -45,6 +46,7 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
         elif session.notice:
             draw_lines(self.layout, session.notice, "INFO")
         settings = context.scene.sparse_surface
+        settle_if_changed(context, settings.job)
         jobs = self.layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
         jobs.scale_y = 1.2
         for job, *_ in ITEMS:
@@ -91,12 +93,32 @@ def draw_reconstruct(layout: UILayout, context: Context, settings: PropertyGroup
 
 
 def draw_measure(layout: UILayout, context: Context, settings: PropertyGroup) -> None:
-    """Show colours, and what compares two meshes or two methods."""
+    """Show what measures distances, and how they are looked at."""
+    how = settings.measurement
+    layout.prop(how, "reference")
+    layout.prop(how, "signed")
+    layout.prop(how, "align")
+    if how.align != "none":
+        layout.prop(how, "move")
+    layout.prop(how, "samples")
+    big_button(layout).operator("sparse_surface.distance", icon="DRIVER_DISTANCE")
+    layout.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
+    layout.separator()
     draw_heat_map_button(layout, context)
     draw_display(layout, settings)
-    layout.separator()
-    layout.operator("sparse_surface.distance", icon="DRIVER_DISTANCE")
-    layout.operator("sparse_surface.compare", icon="MOD_MESHDEFORM")
+    draw_looking(layout)
+
+
+def draw_looking(layout: UILayout) -> None:
+    """Show what reads and selects values of a heat map."""
+    reading = readings.going_on
+    layout.operator(
+        "sparse_surface.read_values",
+        text="Stop Reading" if reading else "Read Values",
+        icon="EYEDROPPER",
+        depress=reading,
+    )
+    layout.operator("sparse_surface.select_above", icon="RESTRICT_SELECT_OFF")
 
 
 DRAW_JOB: dict[str, Callable[[UILayout, Context, PropertyGroup], None]] = {

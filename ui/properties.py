@@ -245,6 +245,7 @@ class SparseSurfaceSettings(PropertyGroup):
     reconstruction: PointerProperty(type=SparseSurfaceReconstruction)
     inspection: PointerProperty(type=inspect_properties.SparseSurfaceInspection)
     comparison: PointerProperty(type=inspect_properties.SparseSurfaceComparison)
+    measurement: PointerProperty(type=inspect_properties.SparseSurfaceMeasurement)
 
     def to_settings(self) -> Settings:
         """Return the solver's settings."""

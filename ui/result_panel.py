@@ -20,7 +20,7 @@ from ..operators.data.result_keys import (
     read_report,
     shows_patches,
 )
-from .panels import draw_display, draw_heat_map_button
+from .panels import draw_display, draw_heat_map_button, draw_looking
 from .sidebar import SidebarPanel, draw_lines
 
 
@@ -86,7 +86,7 @@ class SPARSE_SURFACE_PT_display(UnderResult, Panel):
     def draw(self, context: Context) -> None:
         column = self.column(context)
         draw_display(column, context.scene.sparse_surface)
-        column.operator("sparse_surface.select_above", icon="RESTRICT_SELECT_OFF")
+        draw_looking(column)
         column.operator("sparse_surface.use_heat_map_material", icon="MATERIAL")
 
 
@@ -107,6 +107,10 @@ class SPARSE_SURFACE_PT_representation(UnderResult, Panel):
         column.operator("sparse_surface.domains_to_uv", icon="UV")
 
 
+ICONS = {"Coarse": "INFO", "Far off": "ERROR"}
+"""Beside the words for surfaces that are not close."""
+
+
 def is_result(candidate: Object | None) -> bool:
     """Whether an object carries a report or a heat map."""
     return candidate is not None and (REPORT in candidate or has_heat_map(candidate))
@@ -120,7 +124,8 @@ def draw_quality(layout: UILayout, report: dict[str, Any], scene: Scene) -> None
     if "denoise" in report:
         column.label(text=iface_("Noise removed: {}").format(length(report["denoise"]["noise_level"])), translate=False)
     if report["patches"]:
-        column.label(text=verdict(report), icon="CHECKMARK")
+        word = verdict(report)
+        column.label(text=word, icon=ICONS.get(word, "CHECKMARK"))
         text = iface_("Typical error {}").format(length(measured["surface_error"]["rms"]))
         column.label(text=text, icon="BLANK1", translate=False)
         text = iface_("Largest at a vertex {}").format(length(report["vertex_error"]["max"]))

@@ -6,6 +6,8 @@ import textwrap
 
 from bpy.types import Context, UILayout
 
+from ..operators.run.status import settle_sidebars
+
 
 class SidebarPanel:
     bl_space_type = "VIEW_3D"
@@ -23,6 +25,19 @@ class SidebarPanel:
 class SubPanel(SidebarPanel):
     bl_parent_id = "SPARSE_SURFACE_PT_main"
     bl_options = {"DEFAULT_CLOSED"}
+
+
+_drawn: list[tuple[object, ...]] = []
+"""What decided, when the sidebar was last drawn, which rows there are."""
+
+
+def settle_if_changed(context: Context, job: str) -> None:
+    """Have the sidebar drawn again if its panels may have other heights than before: Blender moves them only then."""
+    active = context.active_object
+    decides = (context.mode, job, active.name if active is not None else "", len(context.selected_objects))
+    if _drawn != [decides]:
+        _drawn[:] = [decides]
+        settle_sidebars()
 
 
 def draw_lines(layout: UILayout, text: str, icon: str) -> None:

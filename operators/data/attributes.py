@@ -10,7 +10,7 @@ from bpy.types import Mesh
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from .result_keys import DOMAIN_STRETCH, ERROR, ERROR_COLOUR, GAP, PATCH, PATCH_COLOUR, WEIGHT
+from .result_keys import DOMAIN_STRETCH, ERROR, ERROR_COLOUR, GAP, PARTNER, PATCH, PATCH_COLOUR, WEIGHT
 
 Values = NDArray[Any]
 
@@ -48,6 +48,7 @@ OWN = {
     PATCH_COLOUR: ("FLOAT_COLOR", "POINT"),
     WEIGHT: ("FLOAT", "POINT"),
     GAP: ("FLOAT", "POINT"),
+    PARTNER: ("FLOAT_VECTOR", "POINT"),
 }
 """Data type and domain of each attribute that the add-on writes."""
 

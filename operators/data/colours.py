@@ -49,6 +49,9 @@ _VIRIDIS = bytes.fromhex(
 )
 STEPS = 256
 
+BARS = 40
+"""Of a histogram over the range."""
+
 # RdBu of ColorBrewer (C. Brewer and M. Harrower, 2003), from blue to red, safe for colour-blind readers; sRGB.
 _BLUE_TO_RED = bytes.fromhex("053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f")
 
@@ -87,14 +90,27 @@ class ColourScale:
         """The colours in sRGB, from small values to large, where there is a tolerance."""
         return (INSIDE, WITHIN, OUTSIDE) if self.signed else (INSIDE, OUTSIDE)
 
+    def shares(self, values: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return which share of the weights has values in each part of the range; with a tolerance, in each band."""
+        if self.tolerance > 0.0:
+            parts, count = self.band(values), len(self.bands)
+        else:
+            count = BARS
+            share = (np.asarray(values, dtype=np.float64) - self.low) / max(self.high - self.low, 1e-300)
+            parts = np.clip(share * count, 0, count - 1).astype(np.intp)
+        sums = np.bincount(parts, weights=weights, minlength=count)
+        return np.asarray(sums / max(sums.sum(), 1e-300))
+
+    def band(self, values: NDArray[np.floating]) -> NDArray[np.intp]:
+        """Return the number of the band, from small values to large, in which each value lies."""
+        band = (values > self.tolerance).astype(np.intp)
+        return band + (values >= -self.tolerance) if self.signed else band
+
     def colours(self, values: NDArray[np.floating]) -> Colours:
         """Return linear RGBA (n, 4) of the values (n,)."""
         rgba = np.ones((len(values), 4), dtype=np.float32)
         if self.tolerance > 0.0:
-            band = (values > self.tolerance).astype(np.intp)
-            if self.signed:
-                band += values >= -self.tolerance
-            rgba[:, :3] = srgb_to_linear(np.array(self.bands))[band]
+            rgba[:, :3] = srgb_to_linear(np.array(self.bands))[self.band(values)]
         else:
             share = (np.asarray(values, dtype=np.float64) - self.low) / max(self.high - self.low, 1e-300)
             rgba[:, :3] = ramp(self.signed)[np.rint(np.clip(share, 0.0, 1.0) * (STEPS - 1)).astype(np.intp)]

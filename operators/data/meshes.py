@@ -154,6 +154,15 @@ def read_polygons(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return corners, fetch(mesh.polygons, "loop_total", np.int32)
 
 
+def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the area of the faces around each vertex that is its own, (V,); 1 for each in a mesh of points."""
+    if not len(mesh.polygons):
+        return np.ones(len(mesh.vertices))
+    corners, sizes = read_polygons(mesh)
+    parts = np.repeat(fetch(mesh.polygons, "area") / np.maximum(sizes, 1), sizes)
+    return np.bincount(corners, weights=parts, minlength=len(mesh.vertices)).astype(np.float64)
+
+
 def read_triangles(
     mesh: Mesh, corners: NDArray[np.int32], sizes: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

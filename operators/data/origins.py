@@ -24,6 +24,8 @@ ROLE = "sparse_surface_role"
 
 RESULT, RESAMPLED, PATCH = "result", "resampled", "patch"
 POINT_ERRORS, BASE = "point errors", "base"
+DISTANCE = "distance from "
+"""Beginning of the role of measured distances; the id of what they were measured from follows."""
 COMPARED = ("compared 1", "compared 2")
 
 ACCOMPANYING = {POINT_ERRORS, BASE}
@@ -35,7 +37,7 @@ def identity(source: Object) -> str:
     if source.library is not None:  # cannot be written, and its name is its identity there
         return f"{source.library.filepath}/{source.name}"
     stored = source.get(IDENTITY)
-    if stored is None or _owner(stored) != source:
+    if stored is None or owner_of(stored) != source:
         source[IDENTITY] = stored = uuid4().hex
     return str(stored)
 
@@ -53,7 +55,7 @@ def was_made(candidate: Object | None) -> bool:
 def source_of(made: Object) -> Object | None:
     """Return the object that another was made from, if it still exists."""
     stored = made.get(SOURCE)
-    return _owner(stored) if stored is not None else None
+    return owner_of(stored) if stored is not None else None
 
 
 def earlier(source: Object, role: str) -> Object | None:
@@ -95,8 +97,8 @@ def free(made: Object) -> None:
             del made[name]
 
 
-def _owner(stored: str) -> Object | None:
-    """Return the object to which an id belongs: copies are younger."""
+def owner_of(stored: str) -> Object | None:
+    """Return the object to which an id belongs, if it still exists: copies are younger."""
     linked = (o for o in bpy.data.objects if o.library is not None and identity(o) == stored)
     own = (o for o in bpy.data.objects if o.library is None and o.get(IDENTITY) == stored)
     return min([*own, *linked], key=_age, default=None)

@@ -13,6 +13,10 @@ REPORT = "sparse_surface"
 SCALE = "error_color_range"
 """Custom property of an object with a heat map: lower and upper end of its range and its tolerance (0: none)."""
 
+SHARES = "error_color_shares"
+"""Custom property of an object with a heat map: which share of its area has values in each part of its range, from the
+lowest to the highest; with a tolerance, in each of its bands."""
+
 REPRESENTATION = "sparse_surface_representation"
 """Custom property of a result object: its representation, as the bytes of a saved file."""
 
@@ -43,6 +47,9 @@ ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH = "error", "error_color", "patch", "d
 
 WEIGHT = "weight"
 """Attribute of reconstructed points: the weight of each in the fit."""
+
+PARTNER = "partner"
+"""Attribute of a measured object: the nearest point of the other surface, in the object's own coordinates."""
 
 GAP = "gap"
 """Attribute of a separate patch: largest distance to another patch's point for the same vertex, in scene units."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...solver.errors import InputError
 from . import attributes
 from .colours import ColourScale
-from .meshes import Source, create_mesh, mark_sharp, same_topology, set_positions
+from .meshes import Source, create_mesh, mark_sharp, same_topology, set_positions, vertex_areas
 from .objects import create_object, find_object
 from .origins import BASE, POINT_ERRORS, RESULT
 from .points import COLOURS
@@ -27,6 +27,7 @@ from .result_keys import (
     REPORT,
     REPRESENTATION,
     SCALE,
+    SHARES,
     SHIFT,
     SPLITS,
     STRETCH,
@@ -136,6 +137,7 @@ def write_error(coloured: Object, error: NDArray[np.floating[Any]], scale: Colou
     """Write the errors (V,) of an object's vertices, their colours, and the scale for the legend."""
     attributes.write(coloured.data, {ERROR: error, ERROR_COLOUR: scale.colours(error)})
     coloured[SCALE] = [scale.low, scale.high, scale.tolerance]
+    coloured[SHARES] = scale.shares(error, vertex_areas(coloured.data)).tolist()
 
 
 def copy_source(source: Source, context: Context) -> tuple[Object, Mesh]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bpy.types import Context, Object, SpaceView3D
+from bpy.types import Context, Object
 
 from ..data.colours import ColourScale
 from ..data.objects import current_name
@@ -16,7 +16,7 @@ from ..data.results import create_result
 from ..data.viewports import frame
 from ..data.visibility import stand_beside
 from .scale import colour_scale, recolour_scene
-from .shown import show, shows_heat_map
+from .shown import show_here
 
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
@@ -79,11 +79,8 @@ def make_pair(
 
 def show_pair(made: Sequence[Object], context: Context) -> None:
     """Show the heat map of both where the user looks, and all of both."""
-    space = context.space_data
-    if isinstance(space, SpaceView3D):
-        if not shows_heat_map(space):
-            show(space, context)
-        recolour_scene(context.scene)
+    show_here(context)
+    recolour_scene(context.scene)
     frame(made, context)
 
 

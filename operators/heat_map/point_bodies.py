@@ -41,14 +41,19 @@ def _group() -> NodeTree:
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     radius = group.interface.new_socket("Radius", in_out="INPUT", socket_type="NodeSocketFloat")
     radius.subtype, radius.min_value = "DISTANCE", 0.0
-    given, body, placed, real, painted, result = (add_node(group, kind, 220.0 * x) for x, kind in enumerate(_KINDS))
+    given, body, placed, both, real, painted, result = (
+        add_node(group, kind, 220.0 * x) for x, kind in enumerate(_KINDS)
+    )
     body.inputs["Subdivisions"].default_value = 1
     painted.inputs["Material"].default_value = heat_map_material()
     for start, end in (
         (given.outputs["Geometry"], placed.inputs["Points"]),
         (given.outputs["Radius"], body.inputs["Radius"]),
         (body.outputs["Mesh"], placed.inputs["Instance"]),
-        (placed.outputs["Instances"], real.inputs["Geometry"]),
+        # A viewport shows the active colours of the first mesh of those that are joined; the bodies alone have none.
+        (placed.outputs["Instances"], both.inputs["Geometry"]),
+        (given.outputs["Geometry"], both.inputs["Geometry"]),
+        (both.outputs["Geometry"], real.inputs["Geometry"]),
         (real.outputs["Geometry"], painted.inputs["Geometry"]),
         (painted.outputs["Geometry"], result.inputs["Geometry"]),
     ):
@@ -57,6 +62,6 @@ def _group() -> NodeTree:
 
 
 _KINDS = (
-    "NodeGroupInput", "GeometryNodeMeshIcoSphere", "GeometryNodeInstanceOnPoints", "GeometryNodeRealizeInstances",
-    "GeometryNodeSetMaterial", "NodeGroupOutput",
+    "NodeGroupInput", "GeometryNodeMeshIcoSphere", "GeometryNodeInstanceOnPoints", "GeometryNodeJoinGeometry",
+    "GeometryNodeRealizeInstances", "GeometryNodeSetMaterial", "NodeGroupOutput",
 )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bpy.types import Context, Object, PropertyGroup, Scene
+from bpy.types import Context, Object, Scene
 from numpy.typing import NDArray
 
 from ..data.attributes import read, show_colours
@@ -22,16 +22,16 @@ from ..data.result_keys import (
     shows_patches,
 )
 from ..data.results import create_result, write_error
-from .shown import anywhere_shown, choose_colours
+from .shown import anywhere_shown, choose_colours, shown_tolerance
 
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
     from ..data.meshes import Source
 
 
-def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]]) -> ColourScale:
+def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]], *, signed: bool = False) -> ColourScale:
     """Return the scale that the scene's display settings ask for; it is even around zero if errors have signs."""
-    signed = bool((errors < 0.0).any())
+    signed = signed or bool((errors < 0.0).any())
     errors = np.abs(errors)
     display = scene.sparse_surface.display
     if display.range_mode == "FIXED":
@@ -56,14 +56,6 @@ def create_coloured(context: Context, source: Source, result: Approximation, *, 
     return made
 
 
-def shown_tolerance(scene: Scene) -> float:
-    """Return the tolerance that separates inside from outside, 0 where errors are shown on the ramp."""
-    settings: PropertyGroup = scene.sparse_surface
-    if not settings.display.inside_outside:
-        return 0.0
-    return settings.tolerance or settings.display.tolerance
-
-
 def recolour_scene(scene: Scene) -> None:
     """Recolour every object of a scene that has a heat map and can be written.
 
@@ -76,11 +68,11 @@ def recolour_scene(scene: Scene) -> None:
         if has_heat_map(candidate) and candidate.data.is_editable and candidate.mode == "OBJECT"
     }
     together = [each for each in errors if EARLY not in each and each.visible_get()] if anywhere_shown() else []
-    shared = colour_scale(scene, np.concatenate([errors[each] for each in together])) if together else None
+    shared = _common_scale(scene, {each: errors[each] for each in together}) if together else None
     for coloured, own in errors.items():
         patches = shows_patches(coloured)
         pair = [each for each in errors if _are_compared(each, coloured)] or [coloured]
-        scale = colour_scale(scene, np.concatenate([errors[each] for each in pair]))
+        scale = _common_scale(scene, {each: errors[each] for each in pair})
         if shared is not None and coloured in together:
             scale = shared
         if list(coloured[SCALE]) != [scale.low, scale.high, scale.tolerance]:
@@ -89,6 +81,12 @@ def recolour_scene(scene: Scene) -> None:
                 show_colours(coloured.data, PATCH_COLOUR)
         if coloured in together and not patches:
             choose_colours(coloured, ERROR_COLOUR)
+
+
+def _common_scale(scene: Scene, errors: dict[Object, NDArray[np.floating[Any]]]) -> ColourScale:
+    """Return one scale for several objects; distances that were measured with signs keep a place for both."""
+    signed = any(each[SCALE][0] < 0.0 for each in errors)
+    return colour_scale(scene, np.concatenate(list(errors.values())), signed=signed)
 
 
 def _are_compared(one: Object, other: Object) -> bool:

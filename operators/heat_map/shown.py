@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import bpy
-from bpy.types import Context, Object, SpaceView3D
+from bpy.types import Context, Object, PropertyGroup, Scene, SpaceView3D
 
 from ..data.result_keys import EARLY, ERROR_COLOUR, has_heat_map
 from ..data.viewports import viewports
@@ -79,6 +79,23 @@ def show(space: SpaceView3D, context: Context, *, for_patches: bool = False) -> 
         for candidate in heat_maps(context):
             choose_colours(candidate, ERROR_COLOUR)
     isolate(space, context)
+
+
+def shown_tolerance(scene: Scene) -> float:
+    """Return the tolerance that separates inside from outside, 0 where errors are shown on the ramp."""
+    settings: PropertyGroup = scene.sparse_surface
+    if not settings.display.inside_outside:
+        return 0.0
+    return settings.tolerance or settings.display.tolerance
+
+
+def show_here(context: Context) -> None:
+    """Show heat maps in the viewport in which the operator was called, if it was in one."""
+    space = context.space_data
+    if isinstance(space, SpaceView3D):
+        if not shows_heat_map(space):
+            show(space, context)
+        context.area.tag_redraw()
 
 
 def restore(space: SpaceView3D) -> None:

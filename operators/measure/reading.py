@@ -58,11 +58,12 @@ class Measurable:
 
 @dataclass(frozen=True)
 class PairSource:
-    """Two objects at the time when they were read: names, the session number of the first, what the solver gets."""
+    """Two objects at the time when they were read: names, session numbers, what the solver gets."""
 
     name: str
     session_uid: int
     other_name: str
+    other_uid: int
     measured: Measurable
     arrays: SurfacePair
 
@@ -72,7 +73,7 @@ def read_pair(active: Object, other: Object, depsgraph: Depsgraph) -> PairSource
     one, two = (read_measurable(each, depsgraph) for each in (active, other))
     named = replace(one, name=cut_name(active.name, " Distance"))
     pair = SurfacePair(one.vertices, one.triangles, two.vertices, two.triangles)
-    return PairSource(active.name, active.session_uid, other.name, named, pair)
+    return PairSource(active.name, active.session_uid, other.name, other.session_uid, named, pair)
 
 
 def read_measurable(source: Object, depsgraph: Depsgraph) -> Measurable:

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from ...solver.atomic_files import atomic_output
 from ...solver.distance.distance import Distances
+from ..data.attributes import write
 from ..data.colours import ColourScale
 from ..data.meshes import create_mesh
 from ..data.report_text import Length, translate
+from ..data.result_keys import PARTNER
 from ..data.results import write_error
 from ..heat_map.point_shapes import create_point_shapes
 from .reading import Measurable
@@ -60,6 +62,7 @@ def create_measured(surface: Measurable, measured: Distances, *, visible_points:
         return _linked(create_point_shapes(surface.name, points, _spacing(points), distance, scale))
     made = bpy.data.objects.new(surface.name, create_mesh(surface.name, points, surface.corners, surface.sizes))
     write_error(made, distance, scale)
+    write(made.data, {PARTNER: measured.a_to_b.vertex_partner})
     return _linked(made)
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..data.colours import ColourScale
 from ..data.viewports import redraw_regions
-from ..heat_map.scale import colour_scale, shown_tolerance
+from ..heat_map.scale import colour_scale
+from ..heat_map.shown import shown_tolerance
 from . import object as early_object
 from . import overlay
 from .subset import DrawnPart

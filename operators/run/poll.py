@@ -6,10 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from bpy.app.translations import pgettext_rpt as rpt_
-from bpy.types import Context
+from bpy.types import Context, SpaceView3D
 
 from ..data.objects import chosen_objects, chosen_results, has_faces, selected_meshes, selected_points, source_to_solve
-from ..data.result_keys import has_patches, has_representation, read_report
+from ..data.result_keys import has_heat_map, has_patches, has_representation, read_report
+from ..heat_map.shown import shows_heat_map
 from .requirements import missing_packages
 from .session import session
 
@@ -110,6 +111,18 @@ def editable(context: Context) -> str:
     """The active object's mesh can be written."""
     found = context.active_object.data.is_editable
     return "" if found else rpt_("The active mesh is linked from another file and cannot be changed")
+
+
+def in_viewport(context: Context) -> str:
+    """The mouse is in a 3D viewport."""
+    return "" if isinstance(context.space_data, SpaceView3D) else rpt_("Only in a 3D viewport")
+
+
+def heat_map(context: Context) -> str:
+    """The viewport shows a heat map, or the active object has one."""
+    if shows_heat_map(context.space_data) or has_heat_map(context.active_object):
+        return ""
+    return rpt_("The active object has no heat map; approximate a mesh or compare two meshes first")
 
 
 MESHES_TO_SOLVE = (packages, no_run, object_mode, meshes)

@@ -79,16 +79,20 @@ def show_status(context: Context, run: Run | None) -> None:
 
 def settle_sidebars() -> None:
     """Redraw the sidebars a few more times: Blender moves panels into place only while it redraws them."""
-    left = 5
+    global _redraws_left
+    _redraws_left = 5
+    if not (bpy.app.background or bpy.app.timers.is_registered(_redraw_again)):
+        bpy.app.timers.register(_redraw_again, first_interval=0.1)
 
-    def redraw() -> float | None:
-        nonlocal left
-        left -= 1
-        redraw_progress(bpy.context)
-        return 0.1 if left else None
 
-    if not bpy.app.background:
-        bpy.app.timers.register(redraw, first_interval=0.1)
+_redraws_left = 0
+
+
+def _redraw_again() -> float | None:
+    global _redraws_left
+    _redraws_left -= 1
+    redraw_progress(bpy.context)
+    return 0.1 if _redraws_left > 0 else None
 
 
 def redraw_progress(context: Context) -> None:
