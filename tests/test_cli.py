@@ -144,6 +144,25 @@ def test_modifiers_of_a_blend_file_are_evaluated_and_the_result_joins_it(tmp_pat
     assert "['Suzanne', 'Suzanne Sparse Surface']" in seen.stdout
 
 
+def test_marked_edges_of_a_blend_file_are_the_creases(tmp_path: Path) -> None:
+    made, report = tmp_path / "made.blend", tmp_path / "report.json"
+    script = (
+        "import bpy, sys\n"
+        "bpy.ops.wm.read_homefile(use_empty=True)\n"
+        "bpy.ops.mesh.primitive_uv_sphere_add(segments=32, ring_count=24)\n"
+        "points = [v.co.z for v in bpy.context.object.data.vertices]\n"
+        "for edge in bpy.context.object.data.edges:\n"
+        "    edge.use_edge_sharp = all(abs(points[k]) < 1e-4 for k in edge.vertices)\n"
+        "bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])\n"
+    )
+    subprocess.run([sys.executable, "-c", script, str(made)], check=True, capture_output=True)
+    done = run("approximate", made, "--creases", "marked", "--report", report, *QUICK)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(report.read_text())["creases"]["edges"] == 32
+    plain = run("approximate", write_obj(tmp_path / "none.obj", *sheet()), "--creases", "marked", *QUICK)
+    assert "no edge inside the mesh is marked as sharp" in plain.stdout
+
+
 def test_presets_are_those_of_the_panel(model: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     done = run("approximate", model, "--preset", "fast", "--ring", "5", "--workers", "1", "--report", report)

@@ -83,6 +83,7 @@ def warnings(report: Report, length: Length = plain) -> list[str]:
         _turned(report),
         _doubled(report),
         _merged(report),
+        _uncut(report),
         _far_from_points(report, length),
     ]
     return [sentence for sentence in said if sentence]
@@ -116,6 +117,12 @@ def _doubled(report: Report) -> str:
 def _merged(report: Report) -> str:
     merged = report["input"].get("merged_vertices", 0)
     return translate("{} vertices held together with others at their place").format(merged) if merged else ""
+
+
+def _uncut(report: Report) -> str:
+    if report["settings"].get("creases") != "marked" or report["creases"]["edges"]:
+        return ""
+    return translate("no edge inside the mesh is marked as sharp, so there are no creases")
 
 
 def _far_from_points(report: Report, length: Length) -> str:

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.benchmarks.generated_models import cube
+from bl_ext.user_default.sparse_surface.operators.data import report_text
 from bl_ext.user_default.sparse_surface.operators.data.meshes import mark_sharp
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -63,3 +64,26 @@ def test_a_smooth_head_has_no_creases():
     result = bpy.context.object
     assert len(result.data.vertices) == 7958
     assert result["sparse_surface"]["creases"]["edges"] == 0
+
+
+@pytest.mark.parametrize("marked", [11, 0])
+def test_the_edges_that_a_user_marked_are_the_creases(marked):
+    # A smooth sheet: the edges of its middle row are marked, and the modifier keeps them.
+    axis = np.linspace(0.0, 1.0, 12)
+    x, y = (part.ravel() for part in np.meshgrid(axis, axis))
+    corner = (np.arange(11)[:, None] * 12 + np.arange(11)).ravel()
+    faces = np.stack([corner, corner + 1, corner + 13, corner + 12], axis=1)
+    source = scenes.mesh_object("Sheet", np.stack([x, y, 0.1 * np.sin(3.0 * x)], axis=1), faces.tolist())
+    source.modifiers.new("Mirror", "MIRROR").merge_threshold = 1e-6
+    middle = [e for e in source.data.edges if all(72 <= k < 84 for k in e.vertices)]
+    for edge in middle[:marked]:
+        edge.use_edge_sharp = True
+    for name, value in {**QUICK, "creases": "marked"}.items():
+        setattr(bpy.context.scene.sparse_surface, name, value)
+    bpy.ops.sparse_surface.approximate()
+    result = bpy.context.object
+    report = result["sparse_surface"].to_dict()
+    found = sharp_edges(result.data)
+    assert len(found) == report["creases"]["edges"] == 2 * marked
+    np.testing.assert_allclose(found[:, 1], 6.0 / 11.0, atol=0.02)
+    assert ("no edge inside the mesh is marked" in report_text.one_line("Sheet", report)) == (not marked)
