@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ..fitting.chunks import ChunkTask, PatchFit
-from ..native.chunks import fit_chunk
+from ..fitting.native_chunks import fit_chunk
 from ..native.library import reason_for_numpy
 from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
@@ -94,7 +94,11 @@ def chunk_runner(settings: Settings, vertices: int, executor: Executor | None = 
         yield ChunkRunner()
         return
     # The compiled kernel frees Python's lock, so threads do; NumPy holds it too often.
-    own = ThreadPoolExecutor(count, "sparse surface") if threads else WorkerExecutor(count, preload="native.chunks")
+    own = (
+        ThreadPoolExecutor(count, "sparse surface")
+        if threads
+        else WorkerExecutor(count, preload="fitting.native_chunks")
+    )
     try:
         yield ChunkRunner(own, count)
     finally:

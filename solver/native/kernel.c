@@ -13,3 +13,5 @@
 #include "examine.c"
 #include "representation.c"
 #include "taylor.c"
+#include "cover.c"
+#include "parameterisation.c"

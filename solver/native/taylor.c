@@ -3,7 +3,7 @@
  */
 #include "kernel.h"
 
-enum { MOST_ORDER = 8, MOST_SLOPES = MOST_ORDER * (MOST_ORDER + 1) / 2, MODELS = 64, MOST_PLACES = 48 };
+enum { MOST_ORDER = 8, MOST_SLOPES = MOST_ORDER * (MOST_ORDER + 1) / 2, MODELS = 32, MOST_PLACES = 48 };
 
 /* Largest derivatives of the one-variable polynomials over cells of the parameter (surface/taylor.py,
  * DerivativeBounds). */

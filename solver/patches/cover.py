@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Booleans, Indices, row_positions
 from ..mesh.triangle_mesh import TriangleMesh
+from ..native import patches as native
+from ..native.library import reason_against
 
 _FAR = np.iinfo(np.int64).max
 _ONE_AT_A_TIME = 32  # beyond this many hops there are few centres, placed one at a time
@@ -39,8 +41,10 @@ def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -
     if not wanted.any():
         return np.zeros(0, dtype=np.int64)
     rank = _scrambled(mesh.node_count)
-    distance = np.where(wanted, _FAR, -1)
     chosen = [_first_centres(mesh, wanted)]
+    if reason_against() is None:
+        return native.farthest_points(_graph(mesh), wanted, chosen[0], rank, max(ring, 1), _ONE_AT_A_TIME)
+    distance = np.where(wanted, _FAR, -1)
     _lower(distance, offsets, neighbours, chosen[0])
     while True:
         farthest = int(distance.max())
@@ -57,9 +61,16 @@ def build_cover(mesh: TriangleMesh, ring: int, wanted: Booleans | None = None) -
 
 def hops_from(mesh: TriangleMesh, sources: Indices) -> Indices:
     """Return the number of edges from each node to the nearest source, (N,); `_FAR` where there is no path."""
+    if reason_against() is None:
+        hops = native.hops_from(_graph(mesh), sources)
+        return np.where(hops == native.NO_PATH, _FAR, hops)
     distance = np.full(mesh.node_count, _FAR)
     _lower(distance, mesh.adjacency.indptr.astype(np.int64), mesh.adjacency.indices, sources)
     return distance
+
+
+def _graph(mesh: TriangleMesh) -> native.Graph:
+    return native.Graph(mesh.adjacency.indptr, mesh.adjacency.indices)
 
 
 def _first_centres(mesh: TriangleMesh, wanted: Booleans) -> Indices:

@@ -15,6 +15,8 @@ from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..mesh.triangle_mesh import TriangleMesh
+from ..native import patches as native
+from ..native.library import reason_against
 from .linear_systems import solve_held
 from .loops import Loops, boundary_loops
 from .patches import Patches
@@ -206,6 +208,19 @@ def _laplacian(triangles: Indices, weights: Array, count: int) -> coo_array:
 
 
 def _solve_lscm(patches: Patches, geometry: _Geometry) -> Array:
+    """Least squares conformal maps by the compiled kernel, and by NumPy where that cannot solve a system."""
+    if reason_against() is not None:
+        return _conformal_maps(patches, geometry)
+    rings = patches.vertex_offsets, geometry.positions, patches.triangle_offsets, patches.triangles
+    points, solved = native.conformal_maps(native.Disks(*rings, geometry.lengths, geometry.areas))
+    others = np.flatnonzero(~solved)
+    if len(others):
+        rows = np.isin(patches.vertex_patch, others)
+        points[rows] = _conformal_maps(patches.select(others), geometry.select(patches, others))
+    return points
+
+
+def _conformal_maps(patches: Patches, geometry: _Geometry) -> Array:
     """Least squares conformal maps, with two vertices of the border held.
 
     The energy is that of Dirichlet less the area of the map, which in complex numbers is one Hermitian form in half

@@ -6,8 +6,9 @@ weights phi_k and the domains u_k are linear in the barycentric coordinates b, a
 these remainders is a polynomial of degree m, and the largest of its Bernstein coefficients bounds it (convex hull
 property; Farin, Curves and Surfaces for CAGD, chapter 17).  Where both together do not suffice the part is split in
 four, which divides the remainder by 2^m.  Values at points of the parts, less the remainders, bound the largest error
-from below.  The correction that closes a surface at its creases is linear on a part up to a remainder of its own (see
-`closing`).  All of this holds up to the rounding of double precision.
+from below.  Models of a lower degree, which take less time, tell on which triangles the error may be large at all.  The
+correction that closes a surface at its creases is linear on a part up to a remainder of its own (see `closing`).  All
+of this holds up to the rounding of double precision.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from ..native import surface as native
 from .closing import Closing
 from .representation import Representation
-from .taylor import LATTICE, TO_BERNSTEIN, DerivativeBounds, Expansions
+from .taylor import LATTICE, ROUGH_LATTICE, DerivativeBounds, Expansions, Lattice
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -83,7 +84,9 @@ def error_bounds(
     """
     error = _ErrorModel.of(representation, vertices)
     parts = _Parts.whole(np.arange(len(representation.triangles)))
-    lower = upper = 0.0
+    low, high = error.bounds(parts, ROUGH_LATTICE)
+    lower = upper = float(low.max(initial=0.0))
+    parts = parts.select(high > lower)
     for splits in range(MOST_SPLITS + 1):
         low, high = error.bounds(parts)
         lower = max(lower, float(low.max(initial=0.0)))
@@ -108,6 +111,7 @@ def exceeding(
     error = _ErrorModel.of(representation, vertices)
     outside = np.zeros(len(representation.triangles), dtype=bool)
     parts = _Parts.whole(asked)
+    parts = parts.select(error.bounds(parts, ROUGH_LATTICE)[1] > tolerance)
     for _ in range(MOST_SPLITS + 1):
         low, high = error.bounds(parts)
         outside[parts.triangle[low > tolerance]] = True
@@ -139,7 +143,7 @@ class _Parts:
     def whole(cls, triangles: Indices) -> _Parts:
         return cls(triangles, np.broadcast_to(np.eye(3), (len(triangles), 3, 3)))
 
-    def select(self, which: NDArray[np.bool_] | slice) -> _Parts:
+    def select(self, which: NDArray[np.bool_] | Indices | slice) -> _Parts:
         return _Parts(self.triangle[which], self.corners[which])
 
     def split(self) -> _Parts:
@@ -180,11 +184,11 @@ class _ErrorModel:
         longest = np.ptp(self.surface.vertices, axis=0).max() if len(self.surface.vertices) else 0.0
         return float(max(ROUNDING * max(sizes), STORED * longest))
 
-    def bounds(self, parts: _Parts) -> tuple[Array, Array]:
+    def bounds(self, parts: _Parts, lattice: Lattice = LATTICE) -> tuple[Array, Array]:
         """Lower and upper bounds of the largest error on each part, (P,) each."""
         lower, upper = np.empty(len(parts.triangle)), np.empty(len(parts.triangle))
         for block in self._blocks(parts):
-            lower[block], upper[block] = self._bounds(parts.select(block))
+            lower[block], upper[block] = self._bounds(parts.select(block), lattice)
         return lower, upper
 
     def _blocks(self, parts: _Parts) -> Iterator[slice]:
@@ -197,20 +201,21 @@ class _ErrorModel:
             yield slice(start, stop)
             start = stop
 
-    def _bounds(self, parts: _Parts) -> tuple[Array, Array]:
-        values, remainder = self._patches_part(parts)
-        values += self._input_values(parts)
+    def _bounds(self, parts: _Parts, lattice: Lattice) -> tuple[Array, Array]:
+        values, remainder = self._patches_part(parts, lattice)
+        shown = np.flatnonzero(self.surface.input_weights[parts.triangle].any(axis=1))
+        values[shown] += self._input_values(parts.select(shown), lattice)
         left_out = np.linalg.norm(remainder, axis=1)
         if self.closing is not None:
             correction, rest = self.closing.between_corners(parts.triangle, parts.corners)
-            values += np.matmul(LATTICE, correction)
+            values += np.matmul(lattice.places, correction)
             left_out += rest
-        coefficients = np.tensordot(values, TO_BERNSTEIN, axes=(1, 1))  # (P, 3, n)
-        upper = np.sqrt((coefficients**2).sum(axis=1).max(axis=1)) + left_out
-        lower = np.sqrt((values**2).sum(axis=2).max(axis=1)) - left_out
+        coefficients = np.tensordot(values, lattice.to_bernstein, axes=(1, 1))  # (P, 3, n)
+        upper = np.sqrt(np.einsum("pdn,pdn->np", coefficients, coefficients).max(axis=0)) + left_out
+        lower = np.sqrt(np.einsum("pnd,pnd->np", values, values).max(axis=0)) - left_out
         return np.maximum(lower, 0.0), upper
 
-    def _patches_part(self, parts: _Parts) -> tuple[Array, Array]:
+    def _patches_part(self, parts: _Parts, lattice: Lattice) -> tuple[Array, Array]:
         """Weighted Taylor models of the patches less x at the lattice, (P, n, 3), and their remainders, (P, 3)."""
         surface = self.surface
         part, held = self._pairs(parts.triangle)
@@ -218,24 +223,26 @@ class _ErrorModel:
         part, held = part[order], held[order]
         if surface.native_functions is not None:
             pairs = native.Pairs(part, held, surface.patch_of_triangle[held])
-            models, where = (surface.native_functions, surface.native_blend), (self.flat, surface.triangles)
-            return native.parts_models(*models, self._limits, pairs, parts.corners, where, LATTICE)
-        values, remainder = np.zeros((len(parts.triangle), len(LATTICE), 3)), np.zeros((len(parts.triangle), 3))
+            models = surface.native_functions, surface.native_blend, self._limits(lattice.order)
+            where = self.flat, surface.triangles
+            return native.parts_models(*models, pairs, parts.corners, where, lattice.places)
+        values = np.zeros((len(parts.triangle), len(lattice.places), 3))
+        remainder = np.zeros((len(parts.triangle), 3))
         weights = np.matmul(parts.corners[part], surface.corner_weights[held][:, :, None])[:, :, 0]
         flat = np.matmul(parts.corners[part], self.flat[surface.triangles[parts.triangle[part]]])
-        taylor, left_out = self._patches_values(held, parts.corners[part])
-        taylor -= np.matmul(LATTICE, flat)
-        taylor *= np.matmul(weights, LATTICE.T)[:, :, None]
+        taylor, left_out = self._patches_values(held, parts.corners[part], lattice)
+        taylor -= np.matmul(lattice.places, flat)
+        taylor *= np.matmul(weights, lattice.places.T)[:, :, None]
         _add_rows(values, part, taylor)
         _add_rows(remainder, part, weights.max(axis=1, initial=0.0)[:, None] * left_out)
         return values, remainder
 
-    def _input_values(self, parts: _Parts) -> Array:
+    def _input_values(self, parts: _Parts, lattice: Lattice) -> Array:
         """What the input itself contributes where it shows through, at the lattice, (P, n, 3)."""
         own = self.surface.vertices[self.surface.triangles[parts.triangle]]
         away = np.matmul(parts.corners, own - self.flat[self.surface.triangles[parts.triangle]])
         weights = np.matmul(parts.corners, self.surface.input_weights[parts.triangle][:, :, None])
-        return np.matmul(LATTICE, weights) * np.matmul(LATTICE, away)
+        return np.matmul(lattice.places, weights) * np.matmul(lattice.places, away)
 
     @cached_property
     def _holders(self) -> tuple[Indices, Indices]:
@@ -254,16 +261,16 @@ class _ErrorModel:
         within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
         return np.repeat(np.arange(len(triangle)), counts), holders[np.repeat(starts[triangle], counts) + within]
 
-    def _patches_values(self, held: Indices, corners: Array) -> tuple[Array, Array]:
+    def _patches_values(self, held: Indices, corners: Array, lattice: Lattice) -> tuple[Array, Array]:
         """Taylor polynomials of the patches' own surfaces at the lattice, (n, L, 3), and their remainders, (n, 3)."""
         surface = self.surface
-        taylor, left_out = np.empty((len(held), len(LATTICE), 3)), np.empty((len(held), 3))
+        taylor, left_out = np.empty((len(held), len(lattice.places), 3)), np.empty((len(held), 3))
         channels = len(surface.domains)
         ends = np.matmul(corners, surface.domains[:, surface.corners[held]])  # (C, n, 3, 2)
         patch = surface.patch_of_triangle[held]
         runs = np.flatnonzero(np.diff(patch, prepend=-1, append=-1))
         for c, parameters in enumerate(ends):
-            pieces = Expansions(surface.dictionary, parameters, self._derivative_bounds)
+            pieces = Expansions(surface.dictionary, parameters, self._derivative_bounds, lattice)
             axes = slice(None) if channels == 1 else slice(c, c + 1)
             for first, stop in pairwise(runs):
                 k, rows = patch[first], slice(first, stop)
@@ -273,10 +280,9 @@ class _ErrorModel:
                 left_out[rows, axes] = (rest / scale[:, None]).T
         return taylor, left_out
 
-    @cached_property
-    def _limits(self) -> native.Limits:
+    def _limits(self, order: int) -> native.Limits:
         own = self._derivative_bounds
-        return native.Limits(own.low, own.width, own.levels)
+        return native.Limits(own.low, own.width, own.levels[:, : order + 1])
 
     @cached_property
     def _derivative_bounds(self) -> DerivativeBounds:

@@ -22,8 +22,8 @@ from ..fitting.dictionary import Dictionary
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ORDER = 6
-"""m: degree of the polynomials that stand for the error."""
+ORDER, ROUGH_ORDER = 6, 3
+"""m: degree of the polynomials that stand for the error, and of those that find the triangles where it may be large."""
 
 CELLS, SAMPLES_A_CELL = 256, 8
 """Intervals into which the range of the parameters is cut, and samples of a polynomial in each."""
@@ -41,43 +41,64 @@ def _to_bernstein(order: int) -> Array:
     return np.linalg.inv(np.array(count) * np.prod(places ** exponents[None], axis=2))
 
 
-LATTICE = _lattice(ORDER) / ORDER
-"""Barycentric coordinates of the points that fix a polynomial of degree m, corners included, (n, 3)."""
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """The points that fix a polynomial of degree m on a triangle, corners included.
 
-TO_BERNSTEIN = _to_bernstein(ORDER)
+    Attributes
+    ----------
+    order
+        m.
+    places
+        Their barycentric coordinates, (n, 3).
+    to_bernstein
+        Takes a polynomial's values there to its Bernstein coefficients, (n, n).
+    """
+
+    order: int
+    places: Array
+    to_bernstein: Array
+
+    @classmethod
+    def of(cls, order: int) -> Lattice:
+        return cls(order, _lattice(order) / order, _to_bernstein(order))
+
+
+LATTICE, ROUGH_LATTICE = Lattice.of(ORDER), Lattice.of(ROUGH_ORDER)
 
 
 class Expansions:
     """Taylor polynomials of dictionary functions about the centres of n triangles in the plane."""
 
-    def __init__(self, dictionary: Dictionary, triangles: Array, limits: DerivativeBounds) -> None:
-        """Take the triangles' corners, (n, 3, 2)."""
+    def __init__(self, dictionary: Dictionary, triangles: Array, limits: DerivativeBounds, lattice: Lattice) -> None:
+        """Take the triangles' corners, (n, 3, 2); the polynomials are of degree m - 1 for the lattice's m."""
+        self._order = order = lattice.order
         self.degrees = dictionary.degrees
         centre = triangles.mean(axis=1)
         away = triangles - centre[:, None]
         extent = np.abs(away).max(axis=1)
-        at_lattice = np.matmul(LATTICE, away)
-        self._powers = [_powers(at_lattice[:, :, axis], ORDER) for axis in (0, 1)]
-        self._extents = [_powers(extent[:, axis], ORDER + 1) for axis in (0, 1)]
-        self._tables = [_derivatives(dictionary, np.ascontiguousarray(centre[:, axis]), ORDER) for axis in (0, 1)]
+        at_lattice = np.matmul(lattice.places, away)
+        self._powers = [_powers(at_lattice[:, :, axis], order) for axis in (0, 1)]
+        self._extents = [_powers(extent[:, axis], order + 1) for axis in (0, 1)]
+        self._tables = [_derivatives(dictionary, np.ascontiguousarray(centre[:, axis]), order) for axis in (0, 1)]
         low, high = triangles.min(axis=1), triangles.max(axis=1)
-        self._limits = [limits.over(low[:, axis], high[:, axis]) for axis in (0, 1)]
+        self._limits = [limits.over(low[:, axis], high[:, axis], order) for axis in (0, 1)]
 
     def of_patch(self, rows: slice, support: Indices, coefficients: Array) -> tuple[Array, Array]:
         """Values at the lattice, (D, n, L), and remainders, (D, n), of sparse combinations (D, s)."""
         i, j = self.degrees[support].transpose(2, 0, 1)
-        values = np.zeros((len(support), rows.stop - rows.start, len(LATTICE)))
+        values = np.zeros((len(support), *self._powers[0][0][rows].shape))
         rest = np.zeros(values.shape[:2])
         size = np.abs(coefficients)
-        for a in range(ORDER):
+        for a in range(self._order):
             along_u = self._tables[0][a][:, rows][i]
-            for b in range(ORDER - a):
+            for b in range(self._order - a):
                 slope = np.einsum("ds,dsn,dsn->dn", coefficients, along_u, self._tables[1][b][:, rows][j])
                 values += slope[:, :, None] * (self._powers[0][a][rows] * self._powers[1][b][rows])
-        for a in range(ORDER + 1):
-            along_u, along_v = self._limits[0][a][:, rows][i], self._limits[1][ORDER - a][:, rows][j]
+        for a in range(self._order + 1):
+            along_u, along_v = self._limits[0][a][:, rows][i], self._limits[1][self._order - a][:, rows][j]
             most = np.einsum("ds,dsn,dsn->dn", size, along_u, along_v)
-            rest += most * (self._extents[0][a][rows] * self._extents[1][ORDER - a][rows])
+            rest += most * (self._extents[0][a][rows] * self._extents[1][self._order - a][rows])
         return values, rest
 
 
@@ -131,14 +152,14 @@ class DerivativeBounds:
         orders = np.stack([found[-1 - a] if a < len(found) else none for a in range(ORDER + 1)]).swapaxes(1, 2)
         return cls(low, (high - low) / CELLS, _running_maxima(orders))
 
-    def over(self, low: Array, high: Array) -> list[Array]:
-        """Bounds over intervals (n,), for each order (t + 1, n)."""
+    def over(self, low: Array, high: Array, order: int) -> list[Array]:
+        """Bounds over intervals (n,), for each order up to one, (t + 1, n)."""
         first, last = (np.clip(((x - self.low) / self.width).astype(np.int64), 0, CELLS - 1) for x in (low, high))
         level = np.log2(last - first + 1).astype(np.int64)
         second = last + 1 - (1 << level)
         return [
             np.ascontiguousarray(np.maximum(self.levels[level, a, first], self.levels[level, a, second]).T)
-            for a in range(ORDER + 1)
+            for a in range(order + 1)
         ]
 
 

@@ -14,9 +14,10 @@ import pytest
 from sparse_surface.benchmarks.generated_models import sphere
 from sparse_surface.solver import approximate
 from sparse_surface.solver.fitting import chunks as by_numpy
+from sparse_surface.solver.fitting import native_chunks as chunks
 from sparse_surface.solver.fitting.batch import Problem, WarmStart
 from sparse_surface.solver.fitting.chunks import ChunkTask, PatchFit
-from sparse_surface.solver.native import chunks, library
+from sparse_surface.solver.native import library
 from sparse_surface.solver.native.stamp import source_stamp
 from sparse_surface.solver.settings import Settings
 from synthetic import crease, hill, problem
@@ -232,7 +233,7 @@ import numpy as np
 from dataclasses import replace
 from pathlib import Path
 from sparse_surface.solver.fitting.chunks import ChunkTask
-from sparse_surface.solver.native import chunks
+from sparse_surface.solver.fitting import native_chunks as chunks
 from sparse_surface.solver.settings import Settings
 from synthetic import hill, problem
 settings = Settings(degree=30, sparsity=496).resolved()

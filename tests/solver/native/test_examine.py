@@ -13,7 +13,7 @@ from numpy.polynomial import legendre
 from sparse_surface.solver.arrays import Array, Indices
 from sparse_surface.solver.fitting.batch import Problem, WarmStart, frame_of
 from sparse_surface.solver.fitting.dictionary import Dictionary
-from sparse_surface.solver.native.chunks import Prepared, native_settings
+from sparse_surface.solver.fitting.native_chunks import Prepared, native_settings
 from sparse_surface.solver.native.library import function
 from sparse_surface.solver.settings import Settings
 from synthetic import crease, problem

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sparse_surface.solver.arrays import Array
 from sparse_surface.solver.fitting.batch import Problem, frame_of
-from sparse_surface.solver.native.chunks import Prepared
+from sparse_surface.solver.fitting.native_chunks import Prepared
 from sparse_surface.solver.native.library import function
 from sparse_surface.solver.settings import Settings
 from synthetic import crease, hill, problem

@@ -1,4 +1,4 @@
-"""Fitting the problems of a chunk by the compiled kernel: arrays in, the fits of `fitting.chunks` out."""
+"""Fitting the problems of a chunk by the compiled kernel: arrays in, the fits of `chunks` out."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
-from ..fitting import chunks as by_numpy
-from ..fitting.batch import Frame, Problem
-from ..fitting.chunks import ChunkTask, PatchFit
-from ..fitting.methods.variable_projection import rigidity_decay
+from ..native.library import NativeProblem, NativeSettings, function, reason_for_numpy
 from ..settings import Settings
-from .library import NativeProblem, NativeSettings, function, reason_for_numpy
+from . import chunks as by_numpy
+from .batch import Frame, Problem
+from .chunks import ChunkTask, PatchFit
+from .methods.variable_projection import rigidity_decay
 
 DONE, OUT_OF_MEMORY = 0, 1
 """Of `Status` in kernel.h; anything else means that the arrays contradict each other."""
