@@ -9,6 +9,7 @@ they are looked at closely.  What still swings out there is refitted with lower 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -137,9 +138,7 @@ class UnevenTriangles:
         squares = [((a - b) ** 2) @ np.ones(2) for a, b in ((one, two), (two, three), (three, one))]
         sides = np.sqrt(np.maximum.reduce(squares).max(axis=0))
         offsets = representation.triangle_offsets
-        order = np.lexsort((sides, representation.patch_of_triangle))
-        middle = (offsets[:-1] + offsets[1:]) // 2
-        median = sides[order[middle]] if len(middle) else np.zeros(0)
+        median = np.array([_median(sides[first:end]) for first, end in pairwise(offsets)])
         seen = representation.corner_weights.max(axis=1, initial=0.0) > 0.0
         return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)
 
@@ -149,6 +148,12 @@ class UnevenTriangles:
         samples, points = surface.observations.samples_of_patch(patch, own, CLOSE)
         error = np.linalg.norm(surface.values_at(patch, samples) - points, axis=1) * samples.blending
         return float(error.max(initial=0.0))
+
+
+def _median(values: Array) -> float:
+    """The median, or the larger one of two."""
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
 
 
 def errors_between(surface: MeshSurface) -> Array:
@@ -173,7 +178,7 @@ def _errors_observed(surface: MeshSurface) -> Array:
     observations = surface.observations
     largest = np.zeros(len(surface.patches))
     for patch, fit in enumerate(surface.fits):
-        own = observations.of_patch(patch)
-        error = np.linalg.norm(fit.values - observations.points[own.number], axis=1) * own.blending
+        number, blending = observations.blend_of(patch)
+        error = np.linalg.norm(fit.values - observations.points[number], axis=1) * blending
         largest[patch] = error.max(initial=0.0)
     return largest

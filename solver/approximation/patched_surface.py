@@ -75,6 +75,9 @@ class PatchedSurface(Generic[Observed]):
         self._observations: Observed | None = None
         self._fits: list[PatchFit | None] = [None] * len(patches)
         self._blended: Array | None = None
+        # the representation, where it is up to date, and the last one of these patches
+        self._assembled: Representation | None = None
+        self._earlier: Representation | None = None
 
     @classmethod
     def covering(
@@ -114,7 +117,7 @@ class PatchedSurface(Generic[Observed]):
             Whether `FINISH` was sent.
         """
         count, hurry = len(self.patches), False
-        self._fits = [None] * count
+        self._fits, self._assembled = [None] * count, None
         self._blended = self.observations.points.copy()
         hurried = replace(self.settings, iterations=0)
 
@@ -207,7 +210,7 @@ class PatchedSurface(Generic[Observed]):
     def restore(self, fits: list[PatchFit], observations: Observed) -> None:
         """Take earlier fits of all patches, and the observations that they were fitted to."""
         self.observations = observations
-        self._fits = list(fits)
+        self._fits, self._assembled = list(fits), None
 
     def values_at(self, patch: int, observations: PatchObservations) -> Array:
         """A fitted patch's own surface at observations of its triangles, (N, 3), scene units."""
@@ -217,7 +220,12 @@ class PatchedSurface(Generic[Observed]):
 
     def representation(self) -> Representation:
         """Return what evaluates the surface in its present state; every patch must be fitted."""
-        return assemble(self.mesh, self.patches, self.blending, self.fits, self.settings)
+        if self._assembled is None:
+            self._assembled = assemble(self.mesh, self.patches, self.blending, self.fits, self.settings)
+            if self._earlier is not None:
+                self._assembled.share_cover_of(self._earlier)
+            self._earlier = self._assembled
+        return self._assembled
 
     @property
     def blended(self) -> Array:
@@ -234,9 +242,9 @@ class PatchedSurface(Generic[Observed]):
 
     def _exchange(self, blended: Array, patch: int, before: PatchFit | None, after: PatchFit) -> None:
         """Replace a patch's part of the blend; without an earlier fit that part is the data."""
-        own = self.observations.of_patch(patch)
-        values = self.observations.points[own.number] if before is None else before.values
-        blended[own.number] += own.blending[:, None] * (after.values - values)
+        number, blending = self.observations.blend_of(patch)
+        values = self.observations.points[number] if before is None else before.values
+        blended[number] += blending[:, None] * (after.values - values)
 
     def _chunks(self, which: Indices, pieces: int = 1) -> list[Indices]:
         return chunk_patches(self.observations, which, self.settings.channels, pieces)
@@ -249,14 +257,15 @@ class PatchedSurface(Generic[Observed]):
                 if self._blended is not None:
                     self._exchange(self._blended, patch, before, fit)
                 self._fits[patch] = fit if before is None or not swept else _with_iterations_of(fit, before)
+            self._assembled = None
             yield len(fits)
 
     def _is_good_side(self, patch: int) -> bool:
         """Whether a patch lies at a crease and fits so well that nothing is left to be made consistent."""
+        if not self.observations.ends_early[patch]:
+            return False
         fit, own = self._fits[patch], self.observations.of_patch(patch)
         assert fit is not None
-        if not own.ends_early:
-            return False
         weights = fitting_weights(own.blending, own.weights, self.settings.blending)
         squares = ((fit.values - self.observations.points[own.number]) ** 2).sum(axis=1)
         scale = max(frame.scale for frame in fit.frames)
@@ -278,7 +287,7 @@ class PatchedSurface(Generic[Observed]):
         """Take other patches over the same mesh."""
         self.patches, self.domains, self._fits = patches, domains, list(fits)
         self.blending = blending_weights(self.mesh, patches, self.settings.blending) if blending is None else blending
-        self._observations = self._blended = None
+        self._observations = self._blended = self._assembled = self._earlier = None
 
     def _shown(self) -> Callable[[], Array] | None:
         if self.preview is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ctypes import byref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -180,6 +180,11 @@ class Prepared:
 def _patch_fit(solved: list[_Solved]) -> PatchFit:
     """The solved problems of one patch together."""
     signals = len(solved[0].support)
+    if len(solved) == 1:  # common domains: nothing is to be put together
+        own = solved[0]
+        frames, domains = [_as_frame(own.frame, signals)], (own.start[None], own.solved[None])
+        fit = PatchFit(frames, *domains, own.support, own.coefficients, own.fitted, own.energy, own.squared_error)
+        return fit if own.history is None else replace(fit, history=own.history)
     histories = [own.history for own in solved if own.history is not None]
     return PatchFit(
         [_as_frame(own.frame, signals) for own in solved],

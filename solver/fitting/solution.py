@@ -88,7 +88,8 @@ def summed_histories(histories: list[Array]) -> Array:
     count = max((len(history) for history in histories), default=0)
     total = np.zeros(count)
     for history in histories:
-        total += np.pad(history, (0, count - len(history)), mode="edge")
+        total[: len(history)] += history
+        total[len(history) :] += history[-1]
     return total
 
 

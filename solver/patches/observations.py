@@ -6,6 +6,7 @@ points.  Everything that fits patches or makes them agree sees observations only
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Protocol, Self
 
@@ -102,6 +103,8 @@ class Observations(Protocol):
         Work that each patch means, as a number of observations, (K,).
     degrees
         Highest total degree that each patch may use, (K,).
+    ends_early
+        See `PatchObservations`, (K,).
     """
 
     patches: Patches
@@ -109,9 +112,14 @@ class Observations(Protocol):
     points: Array
     sizes: Indices
     degrees: Indices
+    ends_early: Booleans
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch."""
+        ...
+
+    def blend_of(self, patch: int) -> tuple[Indices, Array]:
+        """`number` and `blending` of one patch's observations, which are asked for more often than the rest."""
         ...
 
     def with_degrees(self, degrees: Indices) -> Self:
@@ -163,7 +171,8 @@ class MeshObservations:
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self.blending = blending
         self._weights = weights
-        self._ends_early = _at_creases(mesh, patches)
+        self.ends_early = _at_creases(mesh, patches)
+        self._blends: dict[int, tuple[Indices, Array]] = {}
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
         self._dense = self._small if dense is None else self._small | dense
         small = np.unique(patches.mesh_triangles[self._dense[patches.triangle_patch]])
@@ -180,11 +189,16 @@ class MeshObservations:
 
     def with_dense(self, more: Booleans) -> MeshObservations:
         """Return the observations with more of the patches, (K,), observed densely."""
-        return MeshObservations(*self._made_of, dense=self._dense | more, degrees=self.degrees)
+        other = MeshObservations(*self._made_of, dense=self._dense | more, degrees=self.degrees)
+        # vertices and centroids keep their numbers
+        other._blends = {patch: blend for patch, blend in self._blends.items() if not other._dense[patch]}
+        return other
 
     def with_degrees(self, degrees: Indices) -> MeshObservations:
         """Return the same observations with other degrees, (K,)."""
-        return MeshObservations(*self._made_of, dense=self._dense, degrees=degrees)
+        other = copy(self)
+        other.degrees = degrees
+        return other
 
     def samples_of_patch(self, patch: int, triangles: Indices, samples: Array) -> tuple[PatchObservations, Array]:
         """Return places (q, 3) in some of a patch's triangles as observations, and where they are, (n q, 3)."""
@@ -196,6 +210,12 @@ class MeshObservations:
         points = np.einsum("nk,nkd->nd", shares, self.vertices[self.patches.vertices[first + corners]])
         none = np.full(len(corners), -1, dtype=np.int64)
         return PatchObservations(none, corners, shares, blending, blending, ANY_DEGREE), points
+
+    def blend_of(self, patch: int) -> tuple[Indices, Array]:
+        """`number` and `blending` of one patch's observations; computed once."""
+        if patch not in self._blends:
+            self.of_patch(patch)
+        return self._blends[patch]
 
     def of_patch(self, patch: int) -> PatchObservations:
         """Observations of one patch: its vertices, then the points inside its triangles."""
@@ -219,17 +239,20 @@ class MeshObservations:
         own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
         if self._weights is not None:
             own *= np.einsum("nk,nk->n", self._weights[self.patches.vertices[vertices]][corners], shares)
-        blending = np.einsum("nk,nk->n", self.blending[vertices][corners], shares)
-        if self._overlap is not None:
-            blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
+        if patch not in self._blends:
+            blending = np.einsum("nk,nk->n", self.blending[vertices][corners], shares)
+            if self._overlap is not None:
+                blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
+            self._blends[patch] = np.concatenate([self.patches.nodes[vertices], inside]), blending
+        number, blending = self._blends[patch]
         return PatchObservations(
-            np.concatenate([self.patches.nodes[vertices], inside]),
+            number,
             corners,
             shares,
             own,
             blending,
             min(int(self.degrees[patch]), small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE),
-            ends_early=bool(self._ends_early[patch]),
+            ends_early=bool(self.ends_early[patch]),
         )
 
 

@@ -84,7 +84,7 @@ class CloudObservations:
 
     Attributes
     ----------
-    patches, vertices, points, sizes
+    patches, vertices, points, sizes, ends_early
         See `Observations`.
     degrees
         Highest total degree that each patch may use, (K,).
@@ -123,6 +123,7 @@ class CloudObservations:
             weights = np.bincount(cloud.feet.triangle, weights=cloud.weights, minlength=len(mesh.triangles))
             degrees = affordable_degrees(_by_patch(patches, weights))
         self.degrees = degrees
+        self.ends_early = np.zeros(len(patches), dtype=bool)
         own = patches.vertices[patches.block_triangles]
         self._corners = rows_in_order(patches.triangles, own, mesh.triangles[patches.mesh_triangles])
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
@@ -152,6 +153,11 @@ class CloudObservations:
             blending = np.repeat(1.0 / self._overlap[triangles], sizes)
         weights = self.cloud.weights[number]
         return PatchObservations(number, corners, shares, weights, blending, int(self.degrees[patch]), self.cloud.noise)
+
+    def blend_of(self, patch: int) -> tuple[Indices, Array]:
+        """`number` and `blending` of one patch's observations."""
+        own = self.of_patch(patch)
+        return own.number, own.blending
 
     def samples_of_patch(self, patch: int, samples: Array) -> PatchObservations:
         """Observations at places (q, 3) in every triangle of a patch."""

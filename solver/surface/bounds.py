@@ -174,6 +174,7 @@ class _ErrorModel:
         centre = representation.vertices.mean(axis=0) if len(representation.vertices) else np.zeros(3)
         own = representation.vertices - centre
         moved = replace(representation, vertices=own, origins=representation.origins - centre)
+        moved.share_cover_of(representation)
         closing = representation.closing if len(representation.creases) else None
         return cls(moved, own if vertices is None else vertices - centre, closing)
 

@@ -22,6 +22,9 @@ from .saved import Saved
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
 
+COVER_ALONE = "fans", "corners", "patch_of_triangle", "corner_weights", "input_weights"
+"""What follows from triangles, patches and weights, not from positions or functions."""
+
 
 @dataclass(frozen=True)
 class Representation(Saved):
@@ -94,6 +97,11 @@ class Representation(Saved):
     def patches(self) -> int:
         """Number of patches, K."""
         return len(self.origins)
+
+    def share_cover_of(self, other: Representation) -> None:
+        """Take from a representation over the same cover, with the same weights, what it has computed of that."""
+        found = vars(other)
+        vars(self).update((name, found[name]) for name in COVER_ALONE if name in found)
 
     @cached_property
     def dictionary(self) -> Dictionary:
