@@ -69,7 +69,9 @@ def _approximated(options: argparse.Namespace, source: Object, solved: dict[Any,
         write_domain_maps(result)
     print(one_line(source.name, outcome.report), flush=True)
     kept = outcome.report, outcome.representation, options.resample
-    return Made(options.input, source, result, *kept, error_colours=options.error_colors)
+    return Made(
+        options.input, source, result, *kept, error_colours=options.error_colors, quality=options.quality
+    )
 
 
 def _shared(source: Object, read: mesh_data.Source) -> Any:

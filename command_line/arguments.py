@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..operators.files.formats import ERROR_COLOURS, POINTS, READABLE
+from ..operators.files.formats import ERROR_COLOURS, POINTS, QUALITIES, READABLE
 from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
 from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
@@ -172,11 +172,15 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     for output in OUTPUTS:
         output.add_to(parser)
     _add_resample(parser)
-    colours = "; ".join(f"{name}: {text}" for name, text in ERROR_COLOURS.items())
-    parser.add_argument(
-        "--error-colors", choices=list(ERROR_COLOURS), default="keep", help=f"colours of the written mesh. {colours}"
-    )
+    _add_choice(parser, "--error-colors", ERROR_COLOURS, "colours of the written mesh")
+    _add_choice(parser, "--quality", QUALITIES, "what --representation keeps")
     parser.add_argument("--domain-maps", action="store_true", help="write the patches' domains as UV maps")
+
+
+def _add_choice(parser: argparse.ArgumentParser, flag: str, choices: Mapping[str, str], what: str) -> None:
+    """Add an argument that takes one of some names, the first of which is the default, and explain each."""
+    texts = "; ".join(f"{name}: {text}" for name, text in choices.items())
+    parser.add_argument(flag, choices=list(choices), default=next(iter(choices)), help=f"{what}. {texts}")
 
 
 def _add_resample(parser: argparse.ArgumentParser, **options: Any) -> None:

@@ -27,7 +27,8 @@ class Made:
 
     `resolution` says into how many parts each edge is split before the result is written; None: it stays as it is.
     `measured` are distances between `result` and `source`.  `shown` is what pictures show of the result, if not itself.
-    `error_colours` says which colours a mesh file has (`formats.ERROR_COLOURS`).
+    `error_colours` says which colours a mesh file has (`formats.ERROR_COLOURS`), `quality` what is kept of the
+    representation (`formats.QUALITIES`).
     """
 
     input: Path
@@ -40,6 +41,7 @@ class Made:
     shown: Any = None
     caption: str = "Sparse Surface"
     error_colours: str = "replace"
+    quality: str = "exact"
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ def _write_report(path: Path, made: Sequence[Made]) -> None:
 
 
 def _write_representation(path: Path, made: Sequence[Made]) -> None:
-    made[0].representation.save(path)
+    made[0].representation.save(path, made[0].quality)
 
 
 def _write_heat_map(path: Path, made: Sequence[Made]) -> None:

@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     made = Made(
         options.input, points, surface, outcome.report, _given_back(outcome.representation, source.arrays.shift)
     )
-    write_outputs(options, [dataclasses.replace(made, error_colours=options.error_colors)])
+    write_outputs(options, [dataclasses.replace(made, error_colours=options.error_colors, quality=options.quality)])
 
 
 def _given_back(representation: Representation, shift: tuple[float, float, float]) -> Representation:

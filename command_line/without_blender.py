@@ -37,7 +37,7 @@ def _approximate(options: argparse.Namespace) -> None:
     if options.report is not None:
         write_json(options.report, found.report)
     if options.representation is not None:
-        found.representation.save(options.representation)
+        found.representation.save(options.representation, options.quality)
     print(one_line(name, found.report), flush=True)
 
 

@@ -13,6 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sparse_surface.operators.files import formats
+from sparse_surface.solver import Settings, approximate, load
+from sparse_surface.solver.surface.format.writing import QUALITIES
 
 bpy_missing = subprocess.run([sys.executable, "-c", "import bpy"], capture_output=True).returncode != 0
 pytestmark = pytest.mark.skipif(bpy_missing, reason="the command line needs bpy")
@@ -319,8 +322,26 @@ def test_resampling_and_evaluating_a_saved_representation(model: Path, tmp_path:
     assert {len(face) for face in faces} == {4}
     evaluated, same_faces = read_obj(again)
     assert same_faces == faces
-    # results carry the compact form, in which the surface may move by 1e-5 of the longest side
+    # results in a scene carry the compact form, in which the surface may move by 1e-5 of the longest side
     assert np.allclose(evaluated, vertices, atol=1e-5 * np.ptp(vertices, axis=0).max())
+
+
+def test_a_saved_representation_is_as_exact_as_was_asked_for(tmp_path: Path) -> None:
+    vertices, quads = sheet(12)
+    faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    model, exact, compact = write_obj(tmp_path / "m.obj", vertices, faces), tmp_path / "e.npz", tmp_path / "c.npz"
+    assert run("approximate", model, "--representation", exact, *QUICK).returncode == 0
+    done = run("approximate", model, "--representation", compact, "--quality", "compact", *QUICK)
+    assert done.returncode == 0, done.stderr
+    settings = Settings(iterations=2, sweeps=0, workers=1)
+    made = approximate(vertices.astype(np.float32), faces, settings).representation
+    assert np.array_equal(load(exact).coefficients, made.coefficients)
+    assert not np.array_equal(load(compact).coefficients, made.coefficients)
+    moved = np.abs(load(compact).at_vertices() - made.at_vertices()).max()
+    assert moved <= 1e-5 * np.ptp(vertices, axis=0).max()
+    assert compact.stat().st_size < 0.75 * exact.stat().st_size
+    assert set(QUALITIES) == set(formats.QUALITIES)
+    assert run("approximate", model, "--quality", "fine").returncode == 2
 
 
 def test_a_patch_can_be_looked_at(model: Path, tmp_path: Path) -> None:

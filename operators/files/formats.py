@@ -77,6 +77,13 @@ ERROR_COLOURS = {
 }
 """Which colours a written mesh has."""
 
+QUALITIES = {
+    "exact": "the result's numbers to the last bit",
+    "compact": "a third to a half of the bytes, the surface within 1e-5 of its longest side",
+    "plain": "exact, larger, for readers of other programs",
+}
+"""How a representation is saved: what `solver.surface.format.writing` offers, in words."""
+
 BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}
 READABLE = tuple(BY_ENDING)
 WRITABLE = tuple(ending for ending, kind in BY_ENDING.items() if kind.writer is not None)
