@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 import bpy
@@ -18,6 +17,8 @@ from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.errors import InputError, SparseSurfaceError
 from ..solver.job import approximate_arrays
 from ..solver.progress import run_to_end
+from .arguments import PROGRAM
+from .console import console
 from .outputs import Made, write_outputs
 from .progress import progress_display
 
@@ -46,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
             if len(sources) == 1:
                 raise
             refused += 1
-            print(f"sparse_surface: {source.name}: {error}", file=sys.stderr, flush=True)
+            console.complain(f"{source.name}: {error}", PROGRAM)
     if not made:
         raise InputError(f"None of the {len(sources)} meshes of '{options.input.name}' could be approximated.")
     write_outputs(options, made)
@@ -67,11 +68,10 @@ def _approximated(options: argparse.Namespace, source: Object, solved: dict[Any,
     result = create_result(bpy.context, read, outcome, scale)
     if options.domain_maps:
         write_domain_maps(result)
-    print(one_line(source.name, outcome.report), flush=True)
+    console.say(one_line(source.name, outcome.report), source.name)
+    console.detail(outcome.report)
     kept = outcome.report, outcome.representation, options.resample
-    return Made(
-        options.input, source, result, *kept, error_colours=options.error_colors, quality=options.quality
-    )
+    return Made(options.input, source, result, *kept, error_colours=options.error_colors, quality=options.quality)
 
 
 def _shared(source: Object, read: mesh_data.Source) -> Any:

@@ -13,6 +13,7 @@ from ..operators.files.formats import ERROR_COLOURS, POINTS, QUALITIES, READABLE
 from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
 from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
+from .completion import SHELLS, PrintCompletion
 from .outputs import DISTANCE_OUTPUTS, MESH, OUTPUTS, REPORT, same_output
 
 PROGRAM = "sparse_surface"
@@ -58,16 +59,26 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 done, 1 refused input, 2 wrong usage, 130 cancelled.",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
+    text = f"print a script that completes words in {', '.join(SHELLS)}"
+    parser.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=text)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for add, name, summary in COMMANDS:
         command = commands.add_parser(
             name, help=summary, description=summary, formatter_class=argparse.ArgumentDefaultsHelpFormatter
         )
         command.set_defaults(settle=add(command) or ())
+        _add_manners(command)
     return parser
 
 
 Settle = Callable[[argparse.Namespace], None]
+
+
+def _add_manners(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON, all else on standard error")
+    loud = parser.add_mutually_exclusive_group()
+    loud.add_argument("-v", "--verbose", action="store_true", help="say where time and memory went, too")
+    loud.add_argument("-q", "--quiet", action="store_true", help="print errors only, and what --json asks for")
 
 
 def _add_approximate(parser: argparse.ArgumentParser) -> Sequence[Settle]:

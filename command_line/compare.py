@@ -14,6 +14,7 @@ from ..operators.heat_map.pairs import make_pair
 from ..solver.errors import InputError
 from ..solver.job import approximate_arrays
 from ..solver.progress import run_to_end
+from .console import console
 from .outputs import write_json
 from .progress import progress_display
 
@@ -28,11 +29,14 @@ def run(options: argparse.Namespace) -> None:
     for title, settings in options.settings.items():
         with progress_display(title) as show:
             done[title] = run_to_end(approximate_arrays(read.arrays, settings), show)
-        print(one_line(title, done[title].report), flush=True)
+        console.say(one_line(title, done[title].report), title)
+        console.detail(done[title].report)
     scale = ColourScale(0.0, max(float(result.error.max(initial=0.0)) for result in done.values()))
     pair = [(read, result) for result in done.values()]
     made = make_pair(bpy.context, pair, [title.title() for title in done], scale, beside=True)
+    reports = {title: result.report for title, result in done.items()}
     if options.report is not None:
-        write_json(options.report, {title: result.report for title, result in done.items()})
+        write_json(options.report, reports)
     if options.output is not None:
         write_meshes(options.output, made)
+    console.figures(reports)

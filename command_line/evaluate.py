@@ -11,6 +11,7 @@ from ..operators.files.meshes import write_meshes
 from ..solver.progress import run_to_end
 from ..solver.surface.representation import Representation
 from ..solver.surface.resampling import resample_steps
+from .console import console
 from .progress import progress_display
 
 
@@ -26,4 +27,5 @@ def run(options: argparse.Namespace) -> None:
     made = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(made)
     write_meshes(options.output, [made])
-    print(f"{name}: {len(mesh.vertices)} vertices, {len(mesh.polygons)} faces", flush=True)
+    console.say(f"{name}: {len(mesh.vertices)} vertices, {len(mesh.polygons)} faces", name)
+    console.figures({"vertices": len(mesh.vertices), "faces": len(mesh.polygons)})

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..solver.surface.inspection import patch_energy, patch_terms
 from ..solver.surface.representation import Representation
+from .console import console
 from .outputs import write_json
 
 
@@ -20,15 +21,18 @@ def list_patches(surface: Representation, patch: int | None, report: Path | None
     """
     one = patch is not None
     listed = [_describe(surface, number) for number in ([patch] if patch is not None else range(surface.patches))]
+    figures = listed[0] if one else listed
     for each in listed:
         energy = each["energy"]
         fell = f", energy {energy[-1]:.3g} of the first iteration's" if energy else ""
-        print(f"patch {each['patch']}: {each['vertices']} vertices, {len(each['functions'])} functions{fell}")
+        title = f"patch {each['patch']}"
+        console.say(f"{title}: {each['vertices']} vertices, {len(each['functions'])} functions{fell}", title)
         for function in each["functions"] if one else ():
             amounts = " ".join(f"{amount:12.4e}" for amount in function["amounts"])
-            print(f"  {function['name']:<16} {amounts}")
+            console.say(f"  {function['name']:<16} {amounts}")
     if report is not None:
-        write_json(report, listed[0] if one else listed)
+        write_json(report, figures)
+    console.figures(figures)
 
 
 def _describe(surface: Representation, patch: int) -> dict[str, Any]:

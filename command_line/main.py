@@ -13,6 +13,7 @@ from importlib.util import find_spec
 
 from ..solver.errors import SettingsError, SparseSurfaceError
 from .arguments import PROGRAM, parse
+from .console import NORMAL, QUIET, VERBOSE, console
 
 DONE, REFUSED, WRONG_USAGE, CANCELLED = 0, 1, 2, 130
 
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (SparseSurfaceError, OSError, MemoryError) as error:
         return _refuse(error, REFUSED)
     except KeyboardInterrupt:
-        print(f"{PROGRAM}: cancelled", file=sys.stderr)
+        console.complain("cancelled", PROGRAM)
         return CANCELLED
 
 
@@ -52,6 +53,8 @@ def _run(words: list[str]) -> int:
             raise SettingsError(NO_BENCHMARK)
         return int(import_module(f"{name}.__main__").main(words[1:]))
     options = parse(words)
+    console.json = options.json
+    console.level = QUIET if options.quiet else VERBOSE if options.verbose else NORMAL
     module = options.command
     if find_spec("bpy") is None:
         if module not in WITHOUT_BLENDER:
@@ -67,5 +70,5 @@ def _refuse(error: BaseException, code: int) -> int:
         text = f"{error.strerror}{where}."
     else:
         text = " ".join(str(error).split()) or "There is not enough memory for this mesh."
-    print(f"{PROGRAM}: {text}", file=sys.stderr)
+    console.complain(text, PROGRAM)
     return code

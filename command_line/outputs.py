@@ -16,6 +16,7 @@ from typing import Any
 
 from ..operators.files.formats import WRITABLE, up_axis
 from ..solver.atomic_files import atomic_output
+from .console import console
 
 LONGEST_NAME = 255
 """Bytes that a file's name may have on every common system."""
@@ -145,7 +146,12 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
 
 
 def _write_report(path: Path, made: Sequence[Made]) -> None:
-    write_json(path, made[0].report if len(made) == 1 else {each.source.name: each.report for each in made})
+    write_json(path, _figures(made))
+
+
+def _figures(made: Sequence[Made]) -> dict[str, Any]:
+    """Return the report of a result, or those of several by name."""
+    return made[0].report if len(made) == 1 else {each.source.name: each.report for each in made}
 
 
 def _write_representation(path: Path, made: Sequence[Made]) -> None:
@@ -231,7 +237,10 @@ DISTANCE_OUTPUTS = (
 
 
 def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Sequence[Output] | None = None) -> None:
-    """Write the files that were asked for, each complete or not at all; of `OUTPUTS` where no others are named."""
+    """Write the files that were asked for, each complete or not at all; of `OUTPUTS` where no others are named.
+
+    Figures are printed in the end, where they were asked for: who reads them finds the files there.
+    """
     for output in OUTPUTS if outputs is None else outputs:
         path = getattr(options, output.name)
         if path is not None:
@@ -240,6 +249,7 @@ def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Se
             else:
                 for each, own in zip(made, _own_paths(path, made), strict=True):
                     output.write(own, [each])
+    console.figures(_figures(made))
 
 
 def _own_paths(path: Path, made: Sequence[Made]) -> list[Path]:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from ..solver.progress import Progress
+from .console import QUIET, console
 
 try:
     from tqdm import tqdm
@@ -17,7 +18,10 @@ except ImportError:  # Blender does not bring it
 
 @contextlib.contextmanager
 def progress_display(name: str) -> Iterator[Callable[[Progress], None]]:
-    """Show progress: a bar on a terminal if tqdm is installed, plain lines otherwise."""
+    """Show progress: a bar on a terminal if tqdm is installed, plain lines otherwise, nothing if quiet."""
+    if console.level == QUIET:
+        yield lambda step: None
+        return
     if tqdm is None or not sys.stderr.isatty():
         yield _PlainLines(name)
         return
@@ -42,4 +46,4 @@ class _PlainLines:
         if now != self._said:
             self._said = now
             detail = f" ({step.detail})" if step.detail else ""
-            print(f"{self.name}: {step.fraction:4.0%} {step.stage}{detail}", flush=True)
+            console.say(f"{self.name}: {step.fraction:4.0%} {step.stage}{detail}")

@@ -20,6 +20,7 @@ from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
 from ..solver.surface.representation import Representation
+from .console import console
 from .outputs import Made, write_outputs
 from .progress import progress_display
 
@@ -40,7 +41,8 @@ def run(options: argparse.Namespace) -> None:
     surface = create_surface(bpy.context, source, outcome, scale)
     if options.domain_maps:
         write_domain_maps(surface)
-    print(one_line(points.name, outcome.report), flush=True)
+    console.say(one_line(points.name, outcome.report), points.name)
+    console.detail(outcome.report)
     _say_where(options, source.arrays.shift)
     # The surface has the resolution that was asked for already.
     made = Made(
@@ -62,4 +64,4 @@ def _say_where(options: argparse.Namespace, shift: tuple[float, float, float]) -
     ending = options.output.suffix.lower() if options.output else ""
     if any(shift) and ending and ending not in (*SHIFTERS, *ONLY_PLAIN):
         place = " ".join(f"{value:.12g}" for value in shift)
-        print(f"{options.output.name} holds single precision: its coordinates are relative to {place}", flush=True)
+        console.say(f"{options.output.name} holds single precision: its coordinates are relative to {place}")

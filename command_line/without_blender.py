@@ -14,6 +14,7 @@ from ..solver.errors import SettingsError
 from ..solver.progress import run_to_end
 from ..solver.surface.representation import Representation
 from ..solver.surface.resampling import resample, resample_steps
+from .console import console
 from .listing import list_patches
 from .outputs import write_json
 from .progress import progress_display
@@ -38,7 +39,9 @@ def _approximate(options: argparse.Namespace) -> None:
         write_json(options.report, found.report)
     if options.representation is not None:
         found.representation.save(options.representation, options.quality)
-    print(one_line(name, found.report), flush=True)
+    console.say(one_line(name, found.report), name)
+    console.detail(found.report)
+    console.figures(found.report)
 
 
 def _written(mesh: PlainMesh, found: Any, splits: int | None) -> PlainMesh:
@@ -55,7 +58,8 @@ def _evaluate(options: argparse.Namespace) -> None:
     with progress_display(name) as show:
         fine = run_to_end(resample_steps(representation, options.resample), show)
     write_plain(options.output, PlainMesh(fine.vertices, fine.corners, fine.sizes))
-    print(f"{name}: {len(fine.vertices)} vertices, {len(fine.sizes)} faces", flush=True)
+    console.say(f"{name}: {len(fine.vertices)} vertices, {len(fine.sizes)} faces", name)
+    console.figures({"vertices": len(fine.vertices), "faces": len(fine.sizes)})
 
 
 def _inspect(options: argparse.Namespace) -> None:

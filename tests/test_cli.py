@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from sparse_surface.operators.files import formats
 from sparse_surface.solver import Settings, approximate, load
-from sparse_surface.solver.surface.format.writing import QUALITIES
+from sparse_surface.solver.surface.format.canonical import QUALITIES
 
 bpy_missing = subprocess.run([sys.executable, "-c", "import bpy"], capture_output=True).returncode != 0
 pytestmark = pytest.mark.skipif(bpy_missing, reason="the command line needs bpy")

@@ -82,7 +82,7 @@ QUALITIES = {
     "compact": "a third to a half of the bytes, the surface within 1e-5 of its longest side",
     "plain": "exact, larger, for readers of other programs",
 }
-"""How a representation is saved: what `solver.surface.format.writing` offers, in words."""
+"""How a representation is saved: what `solver.surface.format.canonical` offers, in words."""
 
 BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}
 READABLE = tuple(BY_ENDING)

@@ -17,9 +17,10 @@ from ..patches.parameterisation import METHODS
 from ..settings import Settings
 from .container import INDICES, REAL, Arrays, Format, Layer, demand, pack, refusing, unpack
 from .format.blocks import BlockReader
+from .format.canonical import QUALITIES
 from .format.content import SMALL, Sizes
 from .format.reading import read
-from .format.writing import QUALITIES, write
+from .format.writing import write
 
 LARGEST_VALUES = {
     "vertices": 1e60,

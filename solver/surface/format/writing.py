@@ -4,120 +4,29 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ...arrays import Array, Booleans, Indices
 from ...fitting.dictionary import Dictionary
-from ..closing import Fans
 from .blocks import BlockWriter
+from .canonical import Canonical, Fields, Quality
 from .connectivity import write_faces, write_triangles
 from .content import Sizes
-from .cover import Cover, Incidence, ring_members, weights_of
+from .cover import Cover, ring_members, weights_of
 from .domains import Shapes, code_domains
 from .entropy import NumberWriter, TooLargeError, whole_numbers
 from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps
 from .growth import Writing
 from .positions import code_positions
-from .recognition import levels_of, nodes_of, rings_of
+from .recognition import levels_of, rings_of
 
-
-class Fields(Protocol):
-    """The fields of a representation; see `Representation`."""
-
-    vertices: Array
-    triangles: Indices
-    polygon: Indices
-    face_offsets: Indices
-    face_corners: Indices
-    vertex_offsets: Indices
-    patch_vertices: Indices
-    triangle_offsets: Indices
-    patch_triangles: Indices
-    mesh_triangles: Indices
-    domains: Array
-    initial_domains: Array
-    weights: Array
-    blending: str
-    origins: Array
-    scales: Array
-    basis: str
-    degree: int
-    support: Indices
-    coefficients: Array
-    energy: Array
-    corners: Indices
-    creases: Indices
-    fans: Fans
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How exactly values are kept; all lengths in longest sides of the box around the vertices.
-
-    Attributes
-    ----------
-    domains, share
-        Step of the domains, where they have the scale of the surface, or 0: as they are; wider where a patch has little
-        weight, but as if it had the share at least.
-    functions
-        Step of coefficients and origins; 0: to the last bit.
-    vertices, shown
-        Step of vertices that patches cover, and of those where the input shows; 0: to the last bit.
-    error
-        Largest permitted move of the surface.
-    """
-
-    domains: float
-    share: float
-    functions: float
-    vertices: float
-    shown: float
-    error: float
-
-
-EXACT = Quality(domains=2e-7, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
-COMPACT = Quality(domains=8e-6, share=1 / 32, functions=2e-6, vertices=5e-5, shown=1e-5, error=9e-6)
 INSIDE = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
 """Places in a triangle where the move is measured, besides its corners."""
 
 ATTEMPTS, MOST_FINER = 12, 0.05
 """Roundings that are tried, and the share of vertices that may get finer steps."""
-
-PLAIN = Quality(domains=0.0, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
-QUALITIES = {"exact": EXACT, "compact": COMPACT, "plain": PLAIN}
-
-
-@dataclass(frozen=True)
-class Canonical:
-    """Patches in the order of a file: mesh triangles and nodes ascend in each patch.
-
-    `cover`; `rows` (M,) and `triangle_rows` (S,): where the representation has each patch vertex and triangle.
-    """
-
-    nodes: Indices
-    node_vertex: Indices
-    cover: Cover
-    incidence: Incidence
-    rows: Indices
-    triangle_rows: Indices
-
-    @classmethod
-    def of(cls, surface: Fields) -> Canonical:
-        count = len(surface.vertices)
-        corners, entries = surface.corners, len(surface.patch_vertices)
-        fans = surface.fans.corners if len(surface.creases) else None
-        nodes = nodes_of(surface.triangles, count, surface.mesh_triangles, corners, entries, fans)
-        node_vertex = np.arange(max(int(nodes.max(initial=-1)) + 1, count))
-        node_vertex[nodes.ravel()] = surface.triangles.ravel()
-        patch = np.repeat(np.arange(len(surface.triangle_offsets) - 1), np.diff(surface.triangle_offsets))
-        order = np.lexsort((surface.mesh_triangles, patch))
-        offsets = surface.triangle_offsets
-        cover = Cover.of(nodes, len(node_vertex), offsets, surface.mesh_triangles[order])
-        rows = np.zeros(len(cover.nodes), dtype=np.int64)
-        rows[cover.corners.ravel()] = corners[order].ravel()
-        return cls(nodes, node_vertex, cover, Incidence.of(nodes, len(node_vertex)), rows, order)
 
 
 @dataclass(frozen=True)
