@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from sklearn.linear_model import LinearRegression
 from sparse_surface.solver.fitting.cross_validation import FOLDS, validated_sparsity
 from sparse_surface.solver.fitting.dictionary import Dictionary
@@ -11,9 +12,9 @@ from sparse_surface.solver.fitting.pursuit import least_squares_pursuit
 MOST = 10
 
 
-def noisy_signals(seed=0):
+def noisy_signals(seed=0, observations=200):
     rng = np.random.default_rng(seed)
-    domain = rng.uniform(-1.0, 1.0, (2, 2, 200))
+    domain = rng.uniform(-1.0, 1.0, (2, 2, observations))
     functions = Dictionary(6, "legendre").evaluate(domain)
     values = np.stack([functions[:, [1, 4, 9]].sum(axis=1), functions[:, 2]], axis=1)
     return functions, values + 0.05 * rng.normal(size=values.shape), np.ones(functions.shape[:2], dtype=bool)
@@ -34,8 +35,9 @@ def by_hand(functions, values, allowed):
     return error.argmin() + 1
 
 
-def test_the_choice_is_that_of_explicit_cross_validation():
-    functions, values, allowed = noisy_signals()
+@pytest.mark.parametrize("observations", [50, 200])
+def test_the_choice_is_that_of_explicit_cross_validation(observations):
+    functions, values, allowed = noisy_signals(observations=observations)
     found = validated_sparsity(functions, values, MOST, allowed)
     expected = [[by_hand(functions[k], values[k, d], allowed[k]) for d in range(2)] for k in range(2)]
     np.testing.assert_array_equal(found, expected)
