@@ -11,17 +11,13 @@ import numpy as np
 from ..arrays import Booleans, Indices
 from ..mesh.sampling import triangle_grid
 from ..surface.bounds import error_bounds, exceeding
-from ..surface.representation import Representation
-from .oscillation import MeshSurface, UnevenTriangles
+from .oscillation import MeshSurface
 
 ROOM = 0.019
 """How far the surface may leave the box of its input, as a share of the longest side."""
 
 GRID = triangle_grid(12)
 """Where triangles with large errors are compared with the box."""
-
-RINGS = 3
-"""How far around uneven triangles a patch may swing out, in rings of triangles."""
 
 ROUNDS = 3
 
@@ -36,28 +32,17 @@ def kept_inside(surface: MeshSurface) -> tuple[int, tuple[float, float]]:
     bounds
         What `error_bounds` says of the surface then.
     """
-    representation = surface.representation()
-    bounds, around = error_bounds(representation), _around_uneven(representation)
+    bounds = error_bounds(surface.representation())
     # only a large error leads far out of the box
-    if bounds[1] <= ROOM * surface.mesh.longest_side or not len(around):
+    if bounds[1] <= ROOM * surface.mesh.longest_side:
         return 0, bounds
-    reproduced = _let_through(surface, around)
+    reproduced = _let_through(surface)
     return reproduced, error_bounds(surface.representation()) if reproduced else bounds
 
 
-def _around_uneven(representation: Representation) -> Indices:
-    """Mesh triangles in the rings around uneven ones: elsewhere a surface bulges, but does not swing out."""
-    triangles = UnevenTriangles.of(representation).mesh_triangles
-    for _ in range(RINGS):
-        near = np.zeros(len(representation.vertices), dtype=bool)
-        near[representation.triangles[triangles]] = True
-        triangles = np.flatnonzero(near[representation.triangles].any(axis=1))
-    return triangles
-
-
-def _let_through(surface: MeshSurface, asked: Indices) -> int:
+def _let_through(surface: MeshSurface) -> int:
     mesh = surface.mesh
-    reproduced = np.zeros(len(mesh.vertices), dtype=bool)
+    reproduced, asked = np.zeros(len(mesh.vertices), dtype=bool), np.arange(len(mesh.triangles))
     for _ in range(ROUNDS):
         outside = _outside(surface, asked)
         if not outside.any():

@@ -42,9 +42,6 @@ looser."""
 ROUNDING = 1e-12
 """Share of the coordinates' size below which an error is rounding, and not worth splitting for."""
 
-STORED = 1e-6
-"""Share of the longest side to which surfaces are stored: smaller errors are bounded, but need not be told apart."""
-
 PARTS_AT_ONCE = 40_000
 """Parts of triangles, each in each of its patches, that are bounded together: more would only take memory."""
 
@@ -74,8 +71,8 @@ def error_bounds(
     vertices
         Corners of the flat triangles of x, (V, 3); the representation's own where None.
     accuracy
-        The bounds differ by no more than this share of the upper one, unless that is below `STORED` or `MOST_SPLITS`
-        ends the search.
+        The bounds differ by no more than this share of the upper one, unless that is rounding or `MOST_SPLITS` ends the
+        search.
 
     Returns
     -------
@@ -180,10 +177,9 @@ class _ErrorModel:
 
     @property
     def negligible(self) -> float:
-        """Errors up to this, scene units, are rounding, or as good as none."""
+        """Errors up to this, scene units, are rounding."""
         sizes = (np.abs(points).max(initial=0.0) for points in (self.surface.vertices, self.flat, self.surface.origins))
-        longest = np.ptp(self.surface.vertices, axis=0).max() if len(self.surface.vertices) else 0.0
-        return float(max(ROUNDING * max(sizes), STORED * longest))
+        return float(ROUNDING * max(sizes))
 
     def bounds(self, parts: _Parts, lattice: Lattice = LATTICE) -> tuple[Array, Array]:
         """Lower and upper bounds of the largest error on each part, (P,) each."""

@@ -45,7 +45,22 @@ def cliff() -> Any:
     return vertices, faces
 
 
-MESHES = {"needle": needle, "spikes": spikes, "far corners": far_corners, "cliff": cliff}
+def spike_on_the_border() -> Any:
+    vertices, faces = sheet(39)
+    vertices[:, 2] = np.where(np.random.default_rng(1).random(len(vertices)) < 0.01, 8.0, 0.0)
+    return vertices, faces
+
+
+def strips() -> Any:
+    """Half a pipe of 199 strips, each 10,000 long and 0.016 wide: errors of 3e-7 of the length."""
+    angle = np.linspace(0.0, np.pi, 200)
+    arc = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    first = np.arange(199)
+    quads = np.column_stack([first, first + 1, first + 201, first + 200])
+    return np.vstack([arc, arc + [0.0, 0.0, 1e4]]), np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+
+
+MESHES = {"needle": needle, "spike on the border": spike_on_the_border, "strips": strips, "spikes": spikes, "far corners": far_corners, "cliff": cliff}
 
 
 def dense_points(result: Any) -> tuple[np.ndarray, np.ndarray]:
