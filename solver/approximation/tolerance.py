@@ -84,8 +84,10 @@ def keep_tolerance(surface: MeshSurface) -> Steps[ToleranceKept]:
         request = yield Progress("Keeping the tolerance", end, f"{int(outside.sum())} triangles left")
         if request == FINISH:
             break
+    changed = _drop_hidden(surface, HIDDEN)
+    outside = (outside & ~changed) | _outside(surface, changed)
     reproduced = _pass_through(surface, outside)
-    _drop_hidden(surface)
+    _drop_hidden(surface, 0.0)
     return ToleranceKept(settings.tolerance, before, rounds, reproduced)
 
 
@@ -130,8 +132,11 @@ def _pass_through(surface: MeshSurface, outside: Booleans) -> int:
     return int((reproduced & ~mesh.passed_through).sum())
 
 
-def _drop_hidden(surface: MeshSurface) -> None:
-    """Take away patches that finer ones cover altogether."""
+def _drop_hidden(surface: MeshSurface, largest: float) -> Booleans:
+    """Take away patches whose weight is nowhere larger; returns which triangles they held, (T,)."""
     highest = np.zeros(len(surface.patches))
     np.maximum.at(highest, surface.patches.vertex_patch, surface.blending)
-    surface.select(np.flatnonzero(highest > HIDDEN))
+    changed = np.zeros(len(surface.mesh.triangles), dtype=bool)
+    changed[surface.patches.select(np.flatnonzero(highest <= largest)).mesh_triangles] = True
+    surface.select(np.flatnonzero(highest > largest))
+    return changed | _across_creases(surface.mesh, changed)

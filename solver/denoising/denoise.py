@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..errors import InputError, SettingsError
 from ..mesh.input_checks import as_positions
-from ..mesh.normals import normals_and_areas
+from ..mesh.normals import normals_and_areas, unit
 from ..mesh.objects import Given, given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
@@ -48,6 +48,15 @@ _ISOTROPIC = 0.5  # of the noise along the normals: with more within the surface
 _FINE = PatchRule((14, 28, 56, 112, 224, 448), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
 _COARSE = PatchRule((250,), normal_width=0.3, largest_change=4.0, caution=0.85, misfit_power=4.0)
 _LARGE = PatchRule((60, 120, 250, 500), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
+
+_WIDE = 0.6
+"""Where patches cover this share of a rule's largest size on average, the shape is made of wide smooth sides."""
+
+_BESIDE = 2
+"""Rings of triangles around such places whose patches are fitted twice."""
+
+_ON_WIDE_SIDES = 6.0
+"""Their `largest_change`."""
 
 _COVERAGE = 6  # patches over each triangle that are enough
 _BATCHES = 8
@@ -263,14 +272,33 @@ def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, A
         normals = smooth_normals(surface, noisy, round(2 * spread))
         rules = [_COARSE.larger(spread), _LARGE.larger(spread)]
     for number, rule in enumerate(rules):
-        fitting = _average_of_patches(surface, noisy, normals, noise.effective, rule)
-        average = yield from within(fitting, 0.05 + 0.9 * number / len(rules), 0.05 + 0.9 * (number + 1) / len(rules))
+        guide, fitting = normals, _average_of_patches(surface, noisy, normals, noise.effective, rule)
+        average = yield from within(fitting, 0.05 + 0.6 * number / len(rules), 0.05 + 0.6 * (number + 1) / len(rules))
+        normals = average.normals(guide)
+    wide = _beside_wide_patches(surface, average, rules[-1])
+    if wide.any() and not average.hurried:
+        rule = replace(rules[-1], largest_change=_ON_WIDE_SIDES)
+        fitting = _average_of_patches(surface, noisy, unit(guide + normals), noise.effective, rule, wide)
+        average.include((yield from within(fitting, 0.65, 0.95)))
         normals = average.normals(normals)
     yield Progress("Moving vertices", 0.95)
     _, areas = normals_and_areas(noisy, surface.triangles)
     directions = update_directions(normals, areas, surface, len(noisy))
     moved = _moved(surface, noisy, normals, average.planes(), directions, noise)
     return moved, directions
+
+
+def _beside_wide_patches(surface: Surface, average: PatchAverage, rule: PatchRule) -> Booleans:
+    """Triangles on wide smooth sides and at their creases, (T,).
+
+    There the patches' own normals tell the sides apart better than filtered ones do.  In fine relief they do not: they
+    would be guided by their own mistakes.
+    """
+    wide = average.patch_sizes >= _WIDE * rule.sizes[-1]
+    around = surface.around.astype(np.float64)
+    for _ in range(_BESIDE):
+        wide = wide | (around @ wide.astype(np.float64) > 0.0)
+    return wide
 
 
 def _moved(
@@ -294,20 +322,21 @@ def _moved(
 
 
 def _average_of_patches(
-    surface: Surface, noisy: Array, normals: Array, noise_level: float, rule: PatchRule
+    surface: Surface, noisy: Array, normals: Array, noise_level: float, rule: PatchRule, asked: Booleans | None = None
 ) -> Steps[PatchAverage]:
-    """Fit patches until enough of them cover each triangle: few on flat sides, many where patches stay small."""
+    """Fit patches until enough of them cover each triangle: few on flat sides, many where patches stay small.
+
+    With `asked`, (T,), they grow from those triangles only.
+    """
     fitter = PatchFitter(surface, noisy, normals, noise_level, rule)
     average = PatchAverage(len(surface.triangles), len(noisy), rule.misfit_power)
-    order = scattered(np.flatnonzero(normals.any(axis=1)))
-    request = None
+    order = scattered(np.flatnonzero(normals.any(axis=1) & (True if asked is None else asked)))
     for batch in range(_BATCHES):
         seeds = order[batch::_BATCHES]
-        seeds = seeds[average.coverage[seeds] < (_COVERAGE if request != FINISH else 1)]
+        seeds = seeds[average.coverage[seeds] < (1 if average.hurried else _COVERAGE)]
         for start in range(0, len(seeds), fitter.chunk):
             done = (batch + start / len(seeds)) / _BATCHES
-            answer = yield Progress("Fitting one-sided patches", done)
-            request = answer or request
+            average.hurried |= (yield Progress("Fitting one-sided patches", done)) == FINISH
             for fits in fitter.fits(seeds[start : start + fitter.chunk]):
                 average.add(fits)
     return average

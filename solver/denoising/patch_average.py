@@ -33,6 +33,10 @@ class _Sums:
         self._flush()
         return self._sums
 
+    def include(self, other: _Sums) -> None:
+        self._flush()
+        self._sums += other.total()
+
     def _flush(self) -> None:
         if self._places:
             places, rows = np.concatenate(self._places), np.concatenate(self._rows)
@@ -50,6 +54,13 @@ class PatchAverage:
         Size of the mesh.
     misfit_power
         How strongly a patch loses weight whose residuals are larger than the noise.
+
+    Attributes
+    ----------
+    coverage
+        How many patches cover each triangle, (T,).
+    hurried
+        Whether someone asked to finish: one patch over each triangle is enough then.
     """
 
     def __init__(self, triangle_count: int, vertex_count: int, misfit_power: float) -> None:
@@ -57,6 +68,13 @@ class PatchAverage:
         self._normals = _Sums(triangle_count, 3)
         self._planes = _Sums(vertex_count, 10)
         self.coverage = np.zeros(triangle_count, dtype=np.int64)
+        self._sizes = np.zeros(triangle_count, dtype=np.int64)
+        self.hurried = False
+
+    @property
+    def patch_sizes(self) -> Array:
+        """Mean number of triangles of the patches that cover each triangle, (T,); 0 where none does."""
+        return self._sizes / np.maximum(self.coverage, 1)
 
     def add(self, fits: Fits) -> None:
         """Add patches; those that are not sound are ignored."""
@@ -78,8 +96,17 @@ class PatchAverage:
         targets = normals * offsets[:, None]
         rows = np.concatenate((products, targets, np.ones((len(normals), 1))), axis=1) * weight[:, None]
         self._planes.add(fits.vertices[at_vertex], rows)
-        covered = fits.triangles[fits.triangle_weights > _CERTAIN]
+        covers = fits.triangle_weights > _CERTAIN
+        covered, sizes = fits.triangles[covers], covers.sum(axis=1)
         self.coverage += np.bincount(covered, minlength=len(self.coverage))
+        self._sizes += np.bincount(covered, np.repeat(sizes, sizes), len(self.coverage)).astype(np.int64)
+
+    def include(self, other: PatchAverage) -> None:
+        """Add all patches of another average over the same mesh."""
+        self._normals.include(other._normals)
+        self._planes.include(other._planes)
+        self.coverage += other.coverage
+        self._sizes += other._sizes
 
     def normals(self, guide: Array) -> Array:
         """Return the triangles' averaged normals, (T, 3); the guide's where no patch has a value."""

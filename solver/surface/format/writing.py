@@ -165,16 +165,14 @@ def _write_functions(
     Steps are halved until rounding alone moves the surface by a third of what is permitted at most.
     """
     step, before = quality.functions * side, surface.at_vertices()
-    for _ in range(ATTEMPTS if step else 0):
-        draft = BlockWriter()
-        try:
+    with contextlib.suppress(TooLargeError):
+        for _ in range(ATTEMPTS if step else 0):
+            draft = BlockWriter()
             found = _rounded_functions(draft, surface, mean_positions(cover, positions), step)
-        except TooLargeError:
-            break
-        if np.abs(replace(surface, **found).at_vertices() - before).max() <= quality.error * side / 3.0:
-            blocks.take(draft)
-            return found
-        step /= 2.0
+            if np.abs(replace(surface, **found).at_vertices() - before).max() <= quality.error * side / 3.0:
+                blocks.take(draft)
+                return found
+            step /= 2.0
     names = ("origins", "scales", "support", "coefficients")
     for name in names:
         add = blocks.whole if name == "support" else blocks.real

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 from sparse_surface.solver import Settings, approximate
 
 GRID = np.array([(12 - i - j, i, j) for i in range(13) for j in range(13 - i)]) / 12.0
@@ -86,11 +87,19 @@ def test_the_report_says_what_dense_points_show_and_the_surface_stays_in_the_box
     assert report["vertices_reproduced"] < len(vertices)
 
 
-@pytest.mark.parametrize("name", ["spikes", "cliff"])
-def test_a_tolerance_is_kept_at_dense_points(name: str) -> None:
-    vertices, faces = MESHES[name]()
-    tolerance = 0.01 * float(np.ptp(vertices, axis=0).max())
-    result = approximate(vertices, faces, Settings(workers=1, sweeps=0, tolerance=tolerance))
+def dense_centre() -> Any:
+    """A coarse frame around a very dense, noisy centre."""
+    rng = np.random.default_rng(1)
+    points = np.vstack([10.0 * rng.uniform(-1.0, 1.0, (60, 2)), rng.normal(0.0, 0.05, (1500, 2))])
+    height = np.where(np.hypot(*points.T) < 1.0, 0.02 * rng.normal(size=len(points)), 0.0)
+    return np.column_stack([points, height]), Delaunay(points).simplices
+
+
+@pytest.mark.parametrize(("make", "share", "sweeps"), [(spikes, 0.01, 0), (cliff, 0.01, 0), (dense_centre, 0.001, 3)])
+def test_a_tolerance_is_kept_at_dense_points(make: Any, share: float, sweeps: int) -> None:
+    vertices, faces = make()
+    tolerance = share * float(np.ptp(vertices, axis=0).max())
+    result = approximate(vertices, faces, Settings(workers=1, sweeps=sweeps, tolerance=tolerance))
     points, flat = dense_points(result)
     assert np.linalg.norm(points - flat, axis=2).max() <= tolerance
     assert result.report["tolerance"]["achieved"] <= tolerance
