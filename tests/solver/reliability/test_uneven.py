@@ -58,10 +58,17 @@ def strips() -> Any:
     arc = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     first = np.arange(199)
     quads = np.column_stack([first, first + 1, first + 201, first + 200])
-    return np.vstack([arc, arc + [0.0, 0.0, 1e4]]), np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    return np.vstack([arc, arc + np.array([0.0, 0.0, 1e4])]), np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
 
 
-MESHES = {"needle": needle, "spike on the border": spike_on_the_border, "strips": strips, "spikes": spikes, "far corners": far_corners, "cliff": cliff}
+MESHES = {
+    "needle": needle,
+    "spike on the border": spike_on_the_border,
+    "strips": strips,
+    "spikes": spikes,
+    "far corners": far_corners,
+    "cliff": cliff,
+}
 
 
 def dense_points(result: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -95,7 +102,7 @@ def dense_centre() -> Any:
     return np.column_stack([points, height]), Delaunay(points).simplices
 
 
-@pytest.mark.parametrize(("make", "share", "sweeps"), [(spikes, 0.01, 0), (cliff, 0.01, 0), (dense_centre, 0.001, 3)])
+@pytest.mark.parametrize(("make", "share", "sweeps"), [(spikes, 0.01, 0), (cliff, 0.01, 0), (dense_centre, 0.001, 1)])
 def test_a_tolerance_is_kept_at_dense_points(make: Any, share: float, sweeps: int) -> None:
     vertices, faces = make()
     tolerance = share * float(np.ptp(vertices, axis=0).max())
