@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .approximation.approximate import approximate, approximate_steps
     from .approximation.report import Report
     from .approximation.result import Approximation
+    from .blocks.approximate_blocks import BlockApproximation, approximate_blocks, approximate_blocks_steps
+    from .blocks.surface import BlockSurface
     from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
@@ -31,6 +33,8 @@ _NAMES = {
     "approximation.approximate": ("approximate", "approximate_steps"),
     "approximation.report": ("Report",),
     "approximation.result": ("Approximation",),
+    "blocks.approximate_blocks": ("BlockApproximation", "approximate_blocks", "approximate_blocks_steps"),
+    "blocks.surface": ("BlockSurface",),
     "denoising.denoise": ("denoise", "denoise_steps"),
     "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
     "progress": ("FINISH", "Progress", "run_to_end"),
@@ -46,6 +50,8 @@ __all__ = [
     "FINISH",
     "PRESETS",
     "Approximation",
+    "BlockApproximation",
+    "BlockSurface",
     "Cancelled",
     "CloudSettings",
     "FileFormatError",
@@ -59,6 +65,8 @@ __all__ = [
     "SparseSurfaceError",
     "WorkerError",
     "approximate",
+    "approximate_blocks",
+    "approximate_blocks_steps",
     "approximate_steps",
     "denoise",
     "denoise_steps",

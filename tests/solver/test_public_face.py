@@ -15,10 +15,11 @@ from sparse_surface import solver
 from sparse_surface.benchmarks import generated_clouds, generated_models
 
 API = Path(__file__).resolve().parents[2] / "docs" / "api.md"
-FUNCTIONS = {"approximate", "denoise", "load", "reconstruct", "resample", "run_to_end", "save"}
-STEPS = {"approximate_steps", "denoise_steps", "reconstruct_steps", "resample_steps"}
+FUNCTIONS = {"approximate", "approximate_blocks", "denoise", "load", "reconstruct", "resample", "run_to_end", "save"}
+STEPS = {"approximate_blocks_steps", "approximate_steps", "denoise_steps", "reconstruct_steps", "resample_steps"}
 ERRORS = {"Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"}
-CLASSES = {"Approximation", "CloudSettings", "Progress", "Reconstruction", "Report", "Representation", "Settings"}
+MESHES = {"Approximation", "BlockApproximation", "BlockSurface", "Representation"}
+CLASSES = MESHES | {"CloudSettings", "Progress", "Reconstruction", "Report", "Settings"}
 NAMES = FUNCTIONS | STEPS | ERRORS | CLASSES | {"FINISH", "PRESETS"}
 
 

@@ -1,0 +1,137 @@
+"""What is known of a solved block, as the content of a file."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array, Indices
+from ..surface.container import INDICES, REAL, Format, Layer, pack, unpack
+from ..surface.representation import Representation
+from .spread import Spread
+
+_SURFACE = {
+    "vertices": Layer(("places", 3), REAL),
+    "triangles": Layer(("triangles", 3), INDICES),
+    "polygon": Layer(("triangles",), INDICES),
+    "vertex_offsets": Layer(("patches + 1",), INDICES),
+    "patch_vertices": Layer(("patch vertices",), INDICES),
+    "triangle_offsets": Layer(("patches + 1",), INDICES),
+    "patch_triangles": Layer(("patch triangles", 3), INDICES),
+    "mesh_triangles": Layer(("patch triangles",), INDICES),
+    "domains": Layer(("domains", "patch vertices", 2), REAL),
+    "weights": Layer(("patch vertices",), REAL),
+    "origins": Layer(("patches", 3), REAL),
+    "scales": Layer(("patches", "domains"), REAL),
+    "support": Layer(("patches", 3, "functions"), INDICES),
+    "coefficients": Layer(("patches", 3, "functions"), REAL),
+    "creases": Layer(("creases", 2), INDICES),
+}
+"""The fields of a representation that evaluate it."""
+
+_BLOCK = {
+    "share": Layer(("vertices",), REAL),
+    "points": Layer(("vertices", 3), REAL),
+    "patch": Layer(("vertices",), ("<i2", *INDICES)),
+    "piece": Layer(("vertices",), ("<i2", *INDICES)),
+    "blended": Layer(("blended",), INDICES),
+    "parts": Layer(("blended", "samples", 3), REAL),
+    "text": Layer(("characters",), ("|u1",)),
+}
+
+BLOCK = Format(
+    name="sparse_surface_block",
+    version=1,
+    noun="a block of a Sparse Surface job",
+    keys=frozenset(("basis", "blending", "degree", "solver")),
+    layers={**_SURFACE, **_BLOCK},
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedBlock:
+    """A block's own surface over its part of n vertices, and its measures.
+
+    Attributes
+    ----------
+    surface
+        Without initial domains, energies and polygons.
+    share
+        The block's share at the vertices, (n,).
+    points
+        Its surface at the vertices, (n, 3), of the input's type.
+    patch, piece
+        Patch of the largest weight, -1 where the input passes through, and connected component, (n,).
+    blended
+        Triangles of the part that share some point with another block, (b,).
+    parts
+        The block's part of S(x) - x at `MEASURED_SAMPLES` of them, (b, 6, 3), float32.
+    between
+        Distances in the triangles of the block alone.
+    report
+        Its report.
+    """
+
+    surface: Representation
+    share: Array
+    points: NDArray[np.floating[Any]]
+    patch: Indices
+    piece: Indices
+    blended: Indices
+    parts: NDArray[np.float32]
+    between: Spread
+    report: dict[str, Any]
+
+    def to_bytes(self) -> bytes:
+        """Return the content of a file; the same bytes for the same block."""
+        text = json.dumps({"between": self.between.as_list(), "report": self.report}).encode()
+        arrays = {name: getattr(self.surface, name) for name in _SURFACE}
+        arrays |= {name: getattr(self, name) for name in _BLOCK if name != "text"}
+        arrays = {name: _narrow(array, name in _BLOCK) for name, array in arrays.items()}
+        head = {name: getattr(self.surface, name) for name in sorted(BLOCK.keys)}
+        return pack(BLOCK, head, {**arrays, "text": np.frombuffer(text, dtype=np.uint8)})
+
+    @classmethod
+    def from_bytes(cls, data: bytes, name: str) -> SolvedBlock:
+        """Read what `to_bytes` returned.
+
+        Raises
+        ------
+        FileFormatError
+            When the bytes are damaged; `name` begins the sentence.
+        """
+        _, head, arrays, _ = unpack({BLOCK.version: BLOCK}, io.BytesIO(data), name)
+        text = json.loads(arrays.pop("text").tobytes())
+        own = {item.name: arrays.pop(item.name) for item in fields(cls) if item.name in _BLOCK}
+        own |= {name: own[name].astype(np.int64) for name in ("patch", "piece", "blended")}
+        return cls(_surface(head, arrays), **own, between=Spread.from_list(text["between"]), report=text["report"])
+
+
+def _surface(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Representation:
+    wide: dict[str, Any] = {
+        name: array.astype(np.float64 if array.dtype.kind == "f" else np.int64) for name, array in arrays.items()
+    }
+    nothing = np.zeros(0, dtype=np.int64)
+    return Representation(
+        **wide,
+        **head,
+        face_offsets=nothing,
+        face_corners=nothing,
+        initial_domains=np.zeros((len(wide["domains"]), 0, 2)),
+        energy=np.zeros((len(wide["origins"]), 0)),
+    )
+
+
+def _narrow(array: NDArray[Any], as_is: bool) -> NDArray[Any]:
+    """Return an array of the smallest type that holds it exactly."""
+    if array.dtype.kind == "f":
+        if not as_is and (short := array.astype(np.float32)).astype(array.dtype).tobytes() == array.tobytes():
+            return short
+        return array
+    kinds = (np.uint16, np.int32, np.int64) if array.min(initial=0) >= 0 else (np.int32, np.int64)
+    return array.astype(next(kind for kind in kinds if array.max(initial=0) <= np.iinfo(kind).max))
