@@ -132,12 +132,16 @@ def draw_quality(layout: UILayout, report: dict[str, Any], scene: Scene) -> None
         column.label(text=text, icon="BLANK1", translate=False)
     if report.get("ended_early"):
         column.label(text="Ended early", icon="INFO")
+        if "bound" not in report["surface_error"] and "points" not in report["input"]:
+            column.label(text="The largest error was only sampled", icon="BLANK1")
     for sentence in warnings(report, length):
         draw_lines(column, sentence[:1].upper() + sentence[1:], "ERROR")
     tolerance = report["settings"]["tolerance"]
     if tolerance:
         kept = measured["surface_error"]["max"] <= tolerance
         text = iface_("Within the tolerance") if kept else iface_("Exceeds the tolerance")
+        if kept and report.get("ended_early") and "bound" not in measured["surface_error"]:
+            kept, text = False, iface_("Not shown to keep the tolerance")
         column.label(text=f"{text} ({length(tolerance)})", icon="CHECKMARK" if kept else "ERROR", translate=False)
 
 

@@ -174,7 +174,10 @@ def rows(report: Report, length: Length = float) -> list[tuple[str, Any]]:
 
 def _guaranteed_rows(report: Report, length: Length) -> list[tuple[str, Any]]:
     bound = report["surface_error"].get("bound")
-    return [] if bound is None else [("Surface error, guaranteed", length(bound))]
+    if bound is not None:
+        return [("Surface error, guaranteed", length(bound))]
+    early = report.get("ended_early") and "points" not in report["input"]
+    return [("Surface error, guaranteed", translate("not known, ended early"))] if early else []
 
 
 def _distance_rows(report: Report, length: Length) -> list[tuple[str, Any]]:

@@ -18,7 +18,7 @@ from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
 from ..patches.patches import Patches
 from ..patches.splitting import with_domains
-from ..progress import Progress, Steps, run_to_end, within
+from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
 from ..surface.bounds import error_bounds
 from ..surface.creases import crease_edges
@@ -140,37 +140,39 @@ def _all_steps(given: MeshInput, settings: Settings, runner: ChunkRunner, watch:
 def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watch: Stopwatch) -> Steps[Approximation]:
     stored = given.positions.dtype if given.positions.dtype.kind == "f" else np.dtype(np.float64)
     inside = settings.observations == "centroids"
-    yield Progress("Reading the mesh", 0.0)
+    hurry = (yield Progress("Reading the mesh", 0.0)) == FINISH
     with watch.stage("cover"):
         whole = build_mesh(given.positions, given.faces, given.triangles)
         whole, weights = _held_vertices(whole, given.weights, settings.pin_boundary)
     with watch.stage("creases"):
-        mesh = yield from within(_cut(whole, given, settings, weights, runner), 0.0, CUT_ENDS)
+        searched = _cut(whole, given, settings, weights, runner, hurry)
+        mesh, hurry = yield from within(searched, 0.0, CUT_ENDS)
     with watch.stage("cover"):
         patches = cover(mesh, settings.ring)
-    yield Progress("Parameterising patches", CUT_ENDS, f"{len(patches)} patches")
+    request = yield Progress("Parameterising patches", CUT_ENDS, f"{len(patches)} patches")
+    hurry = hurry or request == FINISH
     with watch.stage("domains"):
         surface = _covered(mesh, patches, settings, weights, runner)
     with watch.stage("solve"):
         end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
-        hurry = yield from within(surface.fit(), SOLVE_STARTS, end)
+        hurry = yield from within(surface.fit(hurry=hurry), SOLVE_STARTS, end)
         iterations = measured_iterations(surface.fits)
         if inside and not hurry:
             yield from _without_oscillation(surface, end)
     if settings.sweeps and not hurry:
         with watch.stage("sweeps"):
-            yield from _swept(surface)
-            if inside:
+            hurry = yield from _swept(surface)
+            if inside and not hurry:
                 yield from _without_oscillation(surface, SWEEPS_END)
     kept = None
-    if settings.tolerance and settings.blending == "partition":
+    if settings.tolerance and settings.blending == "partition" and not hurry:
         with watch.stage("refine"):
             kept = yield from within(keep_tolerance(surface), SWEEPS_END, 0.97)
-    yield Progress("Bounding the error", 0.97)
+    hurry = (yield Progress("Bounding the error", 0.97)) == FINISH or hurry
     with watch.stage("measure"):
-        contained, bounds = kept_inside(surface) if inside else (0, error_bounds(surface.representation()))
+        contained, bounds = _bounded(surface, inside, hurry)
         representation = surface.representation()
-        if kept is not None:
+        if kept is not None and bounds is not None:
             bounds = lowered_to(settings.tolerance, bounds, representation)
     yield Progress("Blending", 0.98)
     with watch.stage("blend"):
@@ -191,14 +193,32 @@ def _held_vertices(
     return replace(mesh, passed_through=mesh.passed_through | held), checked
 
 
+def _bounded(surface: MeshSurface, inside: bool, hurry: bool) -> tuple[int, tuple[float, float] | None]:
+    """Return how many vertices pass through to stay inside the input's box, and the bounds of the error.
+
+    In a hurry there are none: they take most of the time that is left, and grow with the mesh.
+    """
+    if inside:
+        return kept_inside(surface, bounded=not hurry)
+    return 0, None if hurry else error_bounds(surface.representation())
+
+
 def _cut(
-    mesh: TriangleMesh, given: MeshInput, settings: Settings, weights: Array | None, runner: ChunkRunner
-) -> Steps[TriangleMesh]:
-    """Cut the mesh along its creases, marked ones or those that the domain optimisation shows."""
+    mesh: TriangleMesh,
+    given: MeshInput,
+    settings: Settings,
+    weights: Array | None,
+    runner: ChunkRunner,
+    hurry: bool,
+) -> Steps[tuple[TriangleMesh, bool]]:
+    """Cut the mesh along its creases, marked ones or those that the domain optimisation shows, unless in a hurry.
+
+    Also says whether there is a hurry afterwards.
+    """
     if settings.creases == "marked":
-        return cut_along_marked(mesh, checked_edges(given.sharp_edges, len(mesh.vertices)))
-    if settings.creases == "off":
-        return mesh
+        return cut_along_marked(mesh, checked_edges(given.sharp_edges, len(mesh.vertices))), hurry
+    if settings.creases == "off" or hurry:
+        return mesh, hurry
     return (yield from cut_along_creases(mesh, _observing(mesh, settings, weights), settings, runner))
 
 
@@ -229,14 +249,15 @@ def _without_oscillation(surface: MeshSurface, fraction: float) -> Steps[None]:
         yield Progress("Solving patches", fraction, "patches that oscillate between their observations")
 
 
-def _swept(surface: MeshSurface) -> Steps[None]:
-    """Make the patches consistent."""
+def _swept(surface: MeshSurface) -> Steps[bool]:
+    """Make the patches consistent; returns whether `FINISH` was sent."""
     for number in range(surface.settings.sweeps):
         start, end = (
             SOLVE_ENDS + (SWEEPS_END - SOLVE_ENDS) * n / surface.settings.sweeps for n in (number, number + 1)
         )
         if (yield from within(surface.sweep("Blending patches", f"sweep {number + 1}"), start, end)):
-            return
+            return True
+    return False
 
 
 @dataclass(frozen=True)
@@ -248,7 +269,7 @@ class Fitted:
     representation, points
         The surface, and its points at the vertices, (V, 3).
     bounds
-        Of its largest error against what was fitted (see `error_bounds`).
+        Of its largest error against what was fitted (see `error_bounds`); None where it was ended early.
     iterations
         What `measured_iterations` says.
     kept, contained
@@ -257,7 +278,7 @@ class Fitted:
 
     representation: Representation
     points: NDArray[Any]
-    bounds: tuple[float, float]
+    bounds: tuple[float, float] | None
     iterations: dict[str, list[float]]
     kept: ToleranceKept | None
     contained: int
@@ -273,7 +294,7 @@ def _result(
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
         deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices, found.bounds)
         if given.source is not None:
-            away = error_bounds(representation, given.source)
+            away = None if found.bounds is None else error_bounds(representation, given.source)
             deviation = Deviation.from_mesh(representation, points, given.source, away)
         before = mesh.vertices if given.source is None else given.source
         turned = faces_turned(before, points.astype(np.float64), mesh.face_offsets, mesh.face_corners)

@@ -22,22 +22,27 @@ GRID = triangle_grid(12)
 ROUNDS = 3
 
 
-def kept_inside(surface: MeshSurface) -> tuple[int, tuple[float, float]]:
+def kept_inside(surface: MeshSurface, *, bounded: bool = True) -> tuple[int, tuple[float, float] | None]:
     """Let vertices through where the surface leaves the input's box.
+
+    Parameters
+    ----------
+    bounded
+        Whether to bound the error of the whole surface, which takes long on large meshes.
 
     Returns
     -------
     reproduced
         How many vertices it took.
     bounds
-        What `error_bounds` says of the surface then.
+        What `error_bounds` says of the surface then; None if not `bounded`.
     """
-    bounds = error_bounds(surface.representation())
+    bounds = error_bounds(surface.representation()) if bounded else None
     # only a large error leads far out of the box
-    if bounds[1] <= ROOM * surface.mesh.longest_side:
+    if bounds is not None and bounds[1] <= ROOM * surface.mesh.longest_side:
         return 0, bounds
     reproduced = _let_through(surface)
-    return reproduced, error_bounds(surface.representation()) if reproduced else bounds
+    return reproduced, error_bounds(surface.representation()) if bounded and reproduced else bounds
 
 
 def _let_through(surface: MeshSurface) -> int:

@@ -48,22 +48,25 @@ Observe = Callable[[Patches, Array], MeshObservations]
 
 def cut_along_creases(
     mesh: TriangleMesh, observe: Observe, settings: Settings, runner: ChunkRunner
-) -> Steps[TriangleMesh]:
-    """Cut a mesh along the creases that patches over its potential creases show; without any it stays as it is."""
+) -> Steps[tuple[TriangleMesh, bool]]:
+    """Cut a mesh along the creases that patches over its potential creases show; without any it stays as it is.
+
+    Also says whether `FINISH` was sent; then it stays as it is, too.
+    """
     potential = potential_creases(mesh)
     wanted = _nodes_beside(mesh, potential.edges) & ~mesh.passed_through[mesh.node_vertex]
     if not wanted.any():
-        return mesh
+        return mesh, False
     patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted)
     look = replace(settings, iterations=min(LOOK, settings.iterations), keep_iterations=False)
     surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings), observe, look, runner)
     if (yield from surface.fit()):
-        return mesh
+        return mesh, True
     representation = surface.representation()
     turn = turn_at_edges(representation, mesh, potential.edges)
     seeds = potential.edges & (turn >= SEED_DEGREES) & (edge_stretch(representation, mesh) >= CREASE_STRETCH)
     creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds, seeds & (turn >= CREASE_DEGREES)))
-    return cut_along(mesh, creases) if creases.any() else mesh
+    return (cut_along(mesh, creases) if creases.any() else mesh), False
 
 
 def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:

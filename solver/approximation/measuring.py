@@ -43,11 +43,11 @@ class Deviation:
 
     @classmethod
     def from_mesh(
-        cls, representation: Representation, points: NDArray[Any], vertices: Array, bounds: tuple[float, float]
+        cls, representation: Representation, points: NDArray[Any], vertices: Array, bounds: tuple[float, float] | None
     ) -> Deviation:
         """Compare the surface, and its `points` at the vertices (V, 3), with the flat mesh between `vertices`.
 
-        `bounds` are what `error_bounds` says of them.
+        `bounds` are what `error_bounds` says of them, None where it was not asked.
         """
         stored, triangles = points.astype(np.float64), representation.triangles
         return cls(

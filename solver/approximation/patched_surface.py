@@ -106,17 +106,17 @@ class PatchedSurface(Generic[Observed]):
     def observations(self, observations: Observed) -> None:
         self._observations, self._blended = observations, None
 
-    def fit(self) -> Steps[bool]:
+    def fit(self, *, hurry: bool = False) -> Steps[bool]:
         """Fit every patch by itself (eqs. 2-4).
 
-        Sent `FINISH`, it fits the patches that have not begun over their initial domains.
+        In a hurry, or once it is sent `FINISH`, it fits the patches that have not begun over their initial domains.
 
         Returns
         -------
         bool
-            Whether `FINISH` was sent.
+            Whether there is a hurry now.
         """
-        count, hurry = len(self.patches), False
+        count = len(self.patches)
         self._fits, self._assembled = [None] * count, None
         self._blended = self.observations.points.copy()
         hurried = replace(self.settings, iterations=0)
@@ -126,7 +126,8 @@ class PatchedSurface(Generic[Observed]):
                 yield chunk_task(self.observations, self.domains, hurried if hurry else self.settings, chunk)
 
         shown = self._shown()
-        yield Progress("Solving patches", 0.0, f"0 of {count} patches", shown)
+        request = yield Progress("Solving patches", 0.0, f"0 of {count} patches", shown)
+        hurry = hurry or request == FINISH
         done = 0
         for fitted in self._fitted(tasks()):
             done += fitted

@@ -35,7 +35,8 @@ class Report:
     vertex_error, surface_error, relative
         Statistics of the distances at the input's vertices and between them; for a cloud, of the points from the places
         at which they were observed and from the surface.  `surface_error["bound"]` is guaranteed: the error exceeds it
-        nowhere (see `surface.bounds`); clouds have none.  `relative` ones are shares of the longest side.
+        nowhere (see `surface.bounds`); clouds and results that were ended early have none.  `relative` ones are shares
+        of the longest side.
     points_to_surface, surface_to_points
         Nearest distances between a cloud and its surface, rms and max, in scene units and in spacings; None for a mesh.
     pieces, euler

@@ -83,3 +83,25 @@ def test_a_run_that_was_ended_early_says_so() -> None:
     made = ball(300)
     cloud = reconstruct(made.points, made.base_vertices, made.base_faces, Settings(**QUICK), report=lambda step: FINISH)
     assert cloud.report["ended_early"] is True
+
+
+def test_a_run_that_is_ended_early_neither_searches_nor_bounds_any_further() -> None:
+    """Whatever its stage: what is left takes as long as fitting each patch once over its initial domain."""
+    vertices, faces = cube(8)
+    whole = approximate(vertices, faces, Settings(**{**QUICK, "sweeps": 1}))
+    assert "bound" in whole.report["surface_error"]
+    for number in range(3):
+        asked: list[str] = []
+
+        def finish(step, number=number, asked=asked) -> str | None:
+            asked.append(step.stage)
+            return FINISH if len(asked) == number + 1 else None
+
+        settings = Settings(**{**QUICK, "sweeps": 1, "tolerance": 1e-3})
+        report = approximate(vertices, faces, settings, report=finish).report
+        assert "Blending patches" not in asked, asked
+        assert "Keeping the tolerance" not in asked, asked
+        assert report["ended_early"] is True
+        assert report["surface_error"].keys() == {"rms", "mean", "p95", "max"}
+        assert "tolerance" not in report
+        assert report["seconds"]["sweeps"] == report["seconds"]["refine"] == 0.0
