@@ -67,7 +67,8 @@ def solve_and_store(arrays: Task, settings: Any) -> Steps[Any]:
     if isinstance(arrays, SurfacePair):
         return result
     representation = result.representation
-    stored: Any = StoredRepresentation(representation.stored if result.report.get("ended_early") else representation.compact)
+    early = result.report.get("ended_early")
+    stored: Any = StoredRepresentation(representation.stored if early else representation.compact)
     return replace(result, representation=stored)
 
 
