@@ -7,6 +7,7 @@ SHELL := /bin/bash
 VENV := .venv
 PY := $(VENV)/bin/python
 LINT := .venv-lint
+DOCS := .venv-docs
 MUTANTS_VENV := .venv-mutants
 # One BLAS thread a process: the solver's small stacked products only lose by more.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -19,7 +20,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window test-mutants lint-venv lint format build bench pages \
+.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window test-mutants lint-venv lint format build docs bench pages \
 	figures clean
 
 help: ## list the targets
@@ -76,6 +77,11 @@ format: lint-venv ## format the code
 
 build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..." for some of them)
 	@$(PY) scripts/build_extension.py $(PLATFORMS)
+
+docs: ## build the documents as a web site, notebooks run, into dist/docs (PYTHON=... chooses the Python)
+	@"$$(scripts/find_python.sh 3.11 3.13)" scripts/environment.py $(DOCS) docs solver --editable
+	@$(DOCS)/bin/python scripts/build_native.py --if-needed
+	@$(DOCS)/bin/python scripts/build_docs.py
 
 bench: venv ## measure speed and accuracy into docs/measured.json and the pages (BENCH="--only stages sizes")
 	@$(PY) -m sparse_surface benchmark --keep $(BENCH)
