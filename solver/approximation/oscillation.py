@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, offsets_of, runs_of_rows
 from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
@@ -28,6 +28,8 @@ NEAR_EDGES = SURFACE_SAMPLES[3:]
 OVERSHOOT = 2.0
 """A patch oscillates where its largest error in between exceeds the largest at its observations by this factor."""
 
+OBSERVED_AT_ONCE = 50_000
+"""Observations compared together: more would only take memory."""
 
 UNEVEN = 4.0
 """A triangle is uneven where its longest side in the initial domain exceeds the patch's median by this factor."""
@@ -175,10 +177,13 @@ def errors_between(surface: MeshSurface) -> Array:
 
 
 def _errors_observed(surface: MeshSurface) -> Array:
-    observations = surface.observations
-    largest = np.zeros(len(surface.patches))
-    for patch, fit in enumerate(surface.fits):
-        number, blending = observations.blend_of(patch)
-        error = np.linalg.norm(fit.values - observations.points[number], axis=1) * blending
-        largest[patch] = error.max(initial=0.0)
+    fits, observations = surface.fits, surface.observations
+    largest = np.zeros(len(fits))
+    offsets = offsets_of(np.array([len(fit.values) for fit in fits], dtype=np.int64))
+    for first, end in runs_of_rows(offsets, OBSERVED_AT_ONCE):
+        blends = [observations.blend_of(patch) for patch in range(first, end)]
+        number, blending = (np.concatenate(own) for own in zip(*blends, strict=True))
+        away = np.concatenate([fit.values for fit in fits[first:end]]) - observations.points[number]
+        error = np.linalg.norm(away, axis=1) * blending
+        largest[first:end] = np.maximum.reduceat(error, offsets[first:end] - offsets[first])
     return largest

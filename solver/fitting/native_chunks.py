@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from ctypes import byref
+from ctypes import byref, c_int64, c_void_p
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Indices
-from ..native.library import NativeProblem, NativeSettings, function, reason_for_numpy
+from ..arrays import Array, Indices, offsets_of
+from ..native.library import NativeSettings, function, reason_for_numpy
 from ..settings import Settings
 from . import chunks as by_numpy
 from .batch import Frame, Problem
@@ -22,6 +23,9 @@ DONE, OUT_OF_MEMORY = 0, 1
 
 FRAME_SIZE = 10
 """Numbers of a frame: centre, turn, origin, scale."""
+
+COUNTS = 8
+"""Fields of `Problem` in kernel.h before `noise`: those of `_sizes`; behind it are addresses."""
 
 
 @dataclass(frozen=True)
@@ -38,29 +42,16 @@ class _Solved:
     squared_error: Array
     history: Array | None
 
-    @classmethod
-    def of(cls, problem: Problem, settings: Settings) -> _Solved:
-        """Room for the solution of a problem; where it was solved before, with that solution to begin from."""
-        size, signals = problem.signals.shape
-        warm = problem.warm
-        steps = max(settings.iterations, 1) if warm is None else 0
-        width = _places(problem, settings) if warm is None else warm.support.shape[1]
-        return cls(
-            np.zeros(FRAME_SIZE) if warm is None else _as_numbers(warm.frame),
-            np.empty((size, 2)),
-            np.empty((size, 2)) if warm is None else warm.domain.copy(),
-            np.empty((signals, width), dtype=np.int64) if warm is None else warm.support.astype(np.int64),
-            np.empty((signals, width)),
-            np.empty((len(problem.values), signals)),
-            np.zeros(steps),
-            np.zeros(steps),
-            np.empty((steps, size, signals)) if settings.keep_iterations and warm is None else None,
-        )
 
-
-def _places(problem: Problem, settings: Settings) -> int:
-    """How many functions a signal can use: no more than there are observations, beyond which all depend on others."""
-    return min(settings.sparsity, (problem.degree + 1) * (problem.degree + 2) // 2, len(problem.values))
+def _sizes(problem: Problem, settings: Settings) -> tuple[int, ...]:
+    """Vertices m, triangles t, observations N, signals D, degree, places for functions s, warm, ends early."""
+    size, signals = problem.signals.shape
+    observations, warm = len(problem.values), problem.warm
+    functions = (problem.degree + 1) * (problem.degree + 2) // 2
+    # no more than there are observations, beyond which all functions depend on others
+    width = min(settings.sparsity, functions, observations) if warm is None else warm.support.shape[1]
+    counts = size, len(problem.triangles), observations, signals
+    return *counts, problem.degree, width, warm is not None, problem.ends_early
 
 
 def _as_numbers(frame: Frame) -> Array:
@@ -97,14 +88,13 @@ def fit_natively(task: ChunkTask, instructions: str | None = None) -> list[Patch
     """
     fit_problems = function("fit_problems", instructions)
     try:
-        prepared = [Prepared.of(problem, task.settings) for problem in task.problems]
-        natives = (NativeProblem * len(prepared))(*(one.native for one in prepared))
-        status = fit_problems(natives, len(natives), byref(native_settings(task.settings)))
+        prepared = Prepared.of(task.problems, task.settings)
+        status = fit_problems(prepared.address, c_int64(len(task.problems)), byref(native_settings(task.settings)))
     except MemoryError:
         status = OUT_OF_MEMORY
     check(status, task.problems)
-    each = len(prepared) // len(task.patches)
-    return [_patch_fit([one.solved for one in prepared[k : k + each]]) for k in range(0, len(prepared), each)]
+    each = len(task.problems) // len(task.patches)
+    return [_patch_fit(prepared.solved[k : k + each]) for k in range(0, len(task.problems), each)]
 
 
 def check(status: int, problems: list[Problem]) -> None:
@@ -133,48 +123,91 @@ def native_settings(settings: Settings) -> NativeSettings:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A problem as the kernel takes it.
+    """Problems as the kernel takes them: like arrays of all of them stand in one, so that few calls find addresses.
 
     Attributes
     ----------
-    native
-        Sizes and addresses.
+    natives
+        `Problem` of kernel.h for each: sizes, noise, addresses, (n, fields).
     inputs
-        The arrays that it points at and reads: they have to live until the kernel returns.
+        The arrays that these point at and the kernel reads: they have to live until it returns.
     solved
-        The arrays that it fills in.
+        What it fills in.
     """
 
-    native: NativeProblem
+    natives: Indices
     inputs: list[NDArray[Any]]
-    solved: _Solved
+    solved: list[_Solved]
+
+    @property
+    def address(self) -> c_void_p:
+        """Where the first problem stands."""
+        return c_void_p(self.natives.ctypes.data)
 
     @classmethod
-    def of(cls, problem: Problem, settings: Settings) -> Prepared:
-        """Prepare a problem for a run with these resolved settings."""
-        solved = _Solved.of(problem, settings)
-        inputs = [
-            np.ascontiguousarray(problem.domain),
-            np.ascontiguousarray(problem.triangles, dtype=np.int64),
-            np.ascontiguousarray(problem.signals),
-            np.ascontiguousarray(problem.corners, dtype=np.int64),
-            np.ascontiguousarray(problem.shares),
-            np.ascontiguousarray(problem.values),
-            np.ascontiguousarray(problem.weights),
-        ]
-        native = NativeProblem(
-            len(problem.domain),
-            len(problem.triangles),
-            len(problem.values),
-            problem.signals.shape[1],
-            problem.degree,
-            solved.support.shape[1],
-            problem.warm is not None,
-            problem.ends_early,
-            problem.noise,
-            *(None if array is None else array.ctypes.data for array in (*inputs, *vars(solved).values())),
+    def of(cls, problems: list[Problem], settings: Settings) -> Prepared:
+        """Prepare problems for a run with these resolved settings."""
+        sizes = np.array([_sizes(problem, settings) for problem in problems], dtype=np.int64)
+        m, t, observations, signals, _, width, warm, _ = sizes.T
+        steps = np.where(warm, 0, max(settings.iterations, 1))
+        given = (
+            (2 * m, _together([problem.domain for problem in problems], np.float64)),
+            (3 * t, _together([problem.triangles for problem in problems], np.int64)),
+            (m * signals, _together([problem.signals for problem in problems], np.float64)),
+            (3 * observations, _together([problem.corners for problem in problems], np.int64)),
+            (3 * observations, _together([problem.shares for problem in problems], np.float64)),
+            (observations * signals, _together([problem.values for problem in problems], np.float64)),
+            (observations, _together([problem.weights for problem in problems], np.float64)),
         )
-        return cls(native, inputs, solved)
+        kept = steps * m * signals if settings.keep_iterations else 0 * m
+        lengths = (0 * m + FRAME_SIZE, 2 * m, 2 * m, signals * width, signals * width, observations * signals)
+        found = [(own, np.zeros(own.sum(), dtype=np.int64 if k == 3 else np.float64)) for k, own in enumerate(lengths)]
+        found += [(own, np.zeros(own.sum())) for own in (steps, steps, kept)]
+        natives = np.empty((len(problems), COUNTS + 1 + len(given) + len(found)), dtype=np.int64)
+        natives[:, :COUNTS] = sizes
+        natives.view(np.float64)[:, COUNTS] = [problem.noise for problem in problems]
+        for column, (own, array) in enumerate((*given, *found), COUNTS + 1):
+            natives[:, column] = array.ctypes.data + array.itemsize * offsets_of(own)[:-1]
+        natives[kept == 0, -1] = 0
+        pieces = [[array[a:b] for a, b in pairwise(offsets_of(own).tolist())] for own, array in found]
+        solved = [_room(problem, *own) for problem, *own in zip(problems, *pieces, strict=True)]
+        return cls(natives, [array for _, array in given], solved)
+
+
+def _together(arrays: list[NDArray[Any]], dtype: type[np.generic]) -> NDArray[Any]:
+    """Arrays one after the other, flat."""
+    return np.concatenate([array.ravel() for array in arrays], dtype=dtype, casting="same_kind")
+
+
+def _room(
+    problem: Problem,
+    frame: Array,
+    start: Array,
+    solved: Array,
+    support: Indices,
+    coefficients: Array,
+    fitted: Array,
+    energy: Array,
+    squared_error: Array,
+    history: Array,
+) -> _Solved:
+    """Shape the room for the solution of a problem; where it was solved before, with that solution to begin from."""
+    signals, warm = problem.signals.shape[1], problem.warm
+    if warm is not None:
+        frame[:] = _as_numbers(warm.frame)
+        solved[:] = warm.domain.ravel()
+        support[:] = warm.support.ravel()
+    return _Solved(
+        frame,
+        start.reshape(-1, 2),
+        solved.reshape(-1, 2),
+        support.reshape(signals, -1),
+        coefficients.reshape(signals, -1),
+        fitted.reshape(-1, signals),
+        energy,
+        squared_error,
+        history.reshape(len(energy), -1, signals) if len(history) else None,
+    )
 
 
 def _patch_fit(solved: list[_Solved]) -> PatchFit:

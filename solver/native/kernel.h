@@ -37,7 +37,7 @@ enum { PAD = 8, FRAME_SIZE = 10 };
 static inline int padded(int count) { return (count + PAD - 1) / PAD * PAD; }
 
 /* One domain with N observations of its D signals, in scene units (fitting/batch.py, Problem), and where its solution
- * goes.  solver/native/library.py has the same fields in the same order. */
+ * goes.  fitting/native_chunks.py has the same fields in the same order. */
 typedef struct {
     int64_t vertex_count, triangle_count, observation_count, signal_count; /* m, t, N, D */
     int64_t degree;           /* highest total degree */

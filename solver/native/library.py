@@ -41,30 +41,6 @@ class NativeSettings(ctypes.Structure):
     )
 
 
-_COUNTS = (
-    "vertex_count",
-    "triangle_count",
-    "observation_count",
-    "signal_count",
-    "degree",
-    "width",
-    "warm",
-    "ends_early",
-)
-_ARRAYS = ("domain", "triangles", "signals", "corners", "shares", "values", "weights")
-_RESULTS = ("frame", "start", "solved", "support", "coefficients", "fitted", "energy", "squared_error", "history")
-
-
-class NativeProblem(ctypes.Structure):
-    """`Problem` of kernel.h."""
-
-    _fields_ = (
-        *((name, ctypes.c_int64) for name in _COUNTS),
-        ("noise", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in (*_ARRAYS, *_RESULTS)),
-    )
-
-
 def path() -> Path:
     """Where the library lies, under the name that the platform wants.
 

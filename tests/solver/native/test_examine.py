@@ -34,13 +34,13 @@ class Examined:
 
     def __init__(self, given: Problem, domain: Array, support: Indices, instructions: str) -> None:
         warm = replace(given, warm=WarmStart(frame_of(given), domain, support))
-        prepared = Prepared.of(warm, SETTINGS)
+        prepared = Prepared.of([warm], SETTINGS)
         size = len(DEGREES)
         self.gram, self.correlation = np.empty((size, size)), np.empty((3, size))
         self.energy, self.force, self.move = np.empty(1), np.empty((2, len(domain))), np.empty((2, len(domain)))
         out = Examination(*(array.ctypes.data for array in vars(self).values()))
         settings = native_settings(SETTINGS)
-        assert function("examine", instructions)(byref(prepared.native), byref(settings), byref(out)) == 0
+        assert function("examine", instructions)(prepared.address, byref(settings), byref(out)) == 0
 
 
 def given_problem() -> Problem:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ctypes import byref
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +15,9 @@ from synthetic import crease, hill, problem
 
 
 def native_frame(given: Problem, instructions: str) -> Array:
-    prepared = Prepared.of(given, Settings().resolved())
-    function("frame_of", instructions)(byref(prepared.native))
-    return prepared.solved.frame
+    prepared = Prepared.of([given], Settings().resolved())
+    function("frame_of", instructions)(prepared.address)
+    return prepared.solved[0].frame
 
 
 @pytest.mark.parametrize("seed", range(4))
