@@ -97,7 +97,7 @@ def _add_reconstruct(parser: argparse.ArgumentParser) -> Sequence[Settle]:
         "--base-vertices",
         type=positive_number,
         metavar="N",
-        help="vertices of the base that is made from the points if none is given (default: one for 60 points)",
+        help="vertices of the base that is made from the points if none is given (default: one for 24 to 60 points)",
     )
     parser.add_argument("--object", metavar="NAME", help="take only this object's points")
     _add_outputs(parser)

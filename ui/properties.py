@@ -60,7 +60,7 @@ OPTIONAL_CLOUD = {"noise": 0.0, "ring": 1}
 COUNTS = (
     (
         "base_vertices", 500, 200_000, 2000, "Base Vertices",
-        "Approximate number of vertices of a base made from the points. 0: one for every sixty points",
+        "Approximate number of vertices of a base made from the points. 0: one for every 24 to 60 points",
     ),
     (
         "splits", 4, MOST_SPLITS, 16, "Resolution",

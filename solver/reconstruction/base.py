@@ -39,6 +39,9 @@ POINTS_ASKED, FARTHEST_BASE = 2000, 0.25
 REACH, APART = 0.5, 0.45
 """A vertex moves to a crease within this many mean edges, unless a neighbour has moved this close to the place."""
 
+BORDER_SPACINGS = 0.5
+"""Vertices on the border of a base that is made lie within this many spacings of a point."""
+
 LEAST_TURN = 0.3
 """Cosine of the largest angle by which such a move may turn a triangle."""
 
@@ -123,6 +126,27 @@ def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> Triang
         move = splu(matrix.tocsc()).solve(weighted @ (points - place @ mesh.vertices))
         fitted = without_folds(mesh, mesh.vertices + move)
     return fitted
+
+
+def border_near_points(mesh: TriangleMesh, points: Array, spacing: float) -> TriangleMesh:
+    """Move vertices of the border that lie beyond the points (P, 3) to within half a spacing, unless triangles fold.
+
+    No point holds them back from there, and patches have nothing to follow.
+    """
+    border = np.unique(mesh.node_vertex[mesh.border])
+    distance, nearest = cKDTree(points).query(mesh.vertices[border])
+    beyond = np.flatnonzero(distance > BORDER_SPACINGS * spacing)
+    vertices = mesh.vertices.copy()
+    target = points[nearest[beyond]]
+    share = (BORDER_SPACINGS * spacing / distance[beyond])[:, None]
+    vertices[border[beyond]] = target + share * (vertices[border[beyond]] - target)
+    before = face_normals(mesh.vertices, mesh.triangles)
+    while (turned := (before * face_normals(vertices, mesh.triangles)).sum(axis=1) < LEAST_TURN).any():
+        folded = np.unique(mesh.triangles[turned])
+        if np.array_equal(vertices[folded], mesh.vertices[folded]):
+            break
+        vertices[folded] = mesh.vertices[folded]
+    return replace(mesh, vertices=vertices)
 
 
 def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:

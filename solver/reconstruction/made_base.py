@@ -18,9 +18,9 @@ from ..arrays import Array, Indices
 from ..errors import InputError
 from ..mesh.decimation import decimated
 from ..progress import Progress, Steps, run_to_end
-from .base import checked_base, drawn_to_points
+from .base import border_near_points, checked_base, drawn_to_points
 from .cleaning import clean
-from .geometry import analyse
+from .geometry import CloudGeometry, analyse
 from .level_set import Grid, level_set
 from .reconstruct import refuse_flat
 from .shell import has_cavity, is_open, outer_parts, parts, sheet, unpinched, without_slivers
@@ -45,8 +45,11 @@ the density is sought, in radii."""
 STEPS_A_RADIUS = 1.5
 """Steps of the grid to a ball's radius."""
 
-POINTS_A_VERTEX = 60
-"""About the number of points for each vertex of the base in the paper's clouds."""
+EXACT_POINTS_A_VERTEX, NOISY_POINTS_A_VERTEX = 24, 60
+"""Points for each vertex of the base in clouds without noise, and in noisy ones; the paper's have about sixty."""
+
+NOISY = 0.1
+"""A cloud is noisy when its noise is above this share of the spacing; below, the numbers of points go over evenly."""
 
 FEWEST, MOST = 12, 20_000
 """Vertices of a base whose size the user has not chosen."""
@@ -72,7 +75,7 @@ def make_base(points: ArrayLike, count: int = 0) -> Base:
     points
         (P, 3), scene units.
     count
-        Wanted number of vertices; 0: one for every sixty points.
+        Wanted number of vertices; 0: one for every 24 points, in noisy clouds for every sixty.
 
     Raises
     ------
@@ -89,9 +92,10 @@ def make_base_steps(points: Array, count: int = 0) -> Steps[Base]:
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     size = float(np.ptp(points, axis=0).max())
     places = (points - middle) / size
-    closed, vertices, triangles = _fine(places)
+    geometry = analyse(places)
+    closed, vertices, triangles = _fine(places, geometry)
     yield Progress("Making the base", 0.3)
-    count = count or int(np.clip(len(places) // POINTS_A_VERTEX, FEWEST, MOST))
+    count = count or int(np.clip(len(places) // _points_a_vertex(geometry), FEWEST, MOST))
     try:
         for more in (HALFWAY, 1.0):
             vertices, triangles = without_slivers(*decimated(vertices, triangles, int(more * count)))
@@ -100,12 +104,19 @@ def make_base_steps(points: Array, count: int = 0) -> Steps[Base]:
         raise InputError("No base could be made from the points: choose a base mesh for them.") from None
     yield Progress("Making the base", 0.9)
     near = drawn_to_points(mesh, places, np.ones(len(places)))
+    if not closed:
+        near = border_near_points(near, places, geometry.spacing)
     return Base(near.vertices * size + middle, near.triangles, closed)
 
 
-def _fine(points: Array) -> tuple[bool, Array, Indices]:
+def _points_a_vertex(geometry: CloudGeometry) -> int:
+    """Number of points for each vertex of the base, where the user has not chosen its size."""
+    noisy = min(geometry.noise / (NOISY * geometry.spacing), 1.0)
+    return round(EXACT_POINTS_A_VERTEX + noisy * (NOISY_POINTS_A_VERTEX - EXACT_POINTS_A_VERTEX))
+
+
+def _fine(points: Array, geometry: CloudGeometry) -> tuple[bool, Array, Indices]:
     """Whether a cloud is closed, and a fine mesh along it: vertices and triangles."""
-    geometry = analyse(points)
     tree, border = cKDTree(points), is_open(points)
     noisy = geometry.noise > NOISIEST * geometry.spacing
     shells = [_Shell.around(points, tree, radius, noisy) for radius in _radii(geometry.spacing, border)]

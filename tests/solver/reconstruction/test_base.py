@@ -10,6 +10,7 @@ from sparse_surface.benchmarks.generated_models import moebius, sphere
 from sparse_surface.solver.errors import InputError
 from sparse_surface.solver.mesh.projection import project
 from sparse_surface.solver.reconstruction.base import (
+    border_near_points,
     checked_base,
     drawn_to_points,
     refuse_distant,
@@ -166,3 +167,23 @@ def test_a_fit_that_would_fold_the_base_goes_only_part_of_the_way() -> None:
     np.testing.assert_allclose(without_folds(mesh, wanted).vertices[middle], [0.625, 0.0, 0.0], atol=1e-12)
     wanted[middle, 0] += 100.0
     assert without_folds(mesh, wanted) is mesh
+
+
+def test_the_border_comes_back_to_the_points_and_the_inside_stays() -> None:
+    mesh, _ = equilateral()
+    shares = np.random.default_rng(3).dirichlet([1.0, 1.0, 1.0], (len(mesh.triangles), 300))
+    points = 0.9 * np.einsum("tnk,tkd->tnd", shares, mesh.vertices[mesh.triangles]).reshape(-1, 3)
+    near = border_near_points(mesh, points, 0.1)
+    inside = ~np.isin(np.arange(len(mesh.vertices)), mesh.node_vertex[mesh.border])
+    np.testing.assert_array_equal(near.vertices[inside], mesh.vertices[inside])
+    before, after = (cKDTree(points).query(of.vertices[~inside])[0] for of in (mesh, near))
+    assert before.max() > 0.1
+    assert after.max() < 0.0501
+
+
+def test_a_border_vertex_that_would_fold_the_base_stays() -> None:
+    mesh, _ = equilateral()
+    moved = border_near_points(mesh, np.array([[2.0, 1.0, 0.0]]), 0.1)
+    a, b, c = (moved.vertices[mesh.triangles[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 2] > 0.0).all()
+    assert np.isfinite(moved.vertices).all()

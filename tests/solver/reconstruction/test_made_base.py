@@ -76,6 +76,26 @@ def test_folds_of_open_clouds_are_not_torn(count: int, points: int) -> None:
     assert cKDTree(cloud).query(base.vertices)[0].max() < 0.1
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_bin_stays_open_and_the_surface_ends_where_its_points_do(seed: int) -> None:
+    cloud = walls(5, 1500, seed)
+    base = make_base(cloud)
+    assert not base.closed
+    assert euler_and_border(base)[0] == 1
+    vertices = reconstruct(cloud, base.vertices, base.triangles, Settings(workers=1)).vertices
+    # The walls are the faces of a unit cube but the lid, at z = 1.
+    beyond = np.linalg.norm(vertices - vertices.clip(0.0, 1.0), axis=1)
+    inside = vertices.clip(0.0, 1.0)
+    off = np.minimum(np.minimum(inside[:, :2], 1.0 - inside[:, :2]).min(axis=1), inside[:, 2])
+    assert np.hypot(beyond, off).max() < 0.03
+
+
+def test_clouds_without_noise_get_more_vertices() -> None:
+    exact, noisy = (len(make_base(ball(points=6000, noise=noise).points).vertices) for noise in (0.0, 0.005))
+    assert exact == pytest.approx(6000 / 24, rel=0.1)
+    assert noisy == pytest.approx(6000 / 60, rel=0.1)
+
+
 def test_a_tube_has_two_borders_and_no_holes() -> None:
     random = np.random.default_rng(0).uniform(size=(4000, 2))
     height, angle = 2.0 * random[:, 1] - 1.0, 2.0 * np.pi * random[:, 0]
