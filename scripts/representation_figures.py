@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 FANDISK = View(azimuth=205.0, elevation=28.0, up="Y")
 BUNNY = View(azimuth=15.0, elevation=12.0, up="Y")
+CAMERA = View(azimuth=200.0, elevation=15.0, up="Y")
 SIZE = (520, 440)
 PATCH = 20
 DOTS = 100
@@ -50,6 +51,20 @@ def denoise(path: Path) -> None:
             text = title if points is vertices else f"{title}: rms {found.rms:.2e}, normals {found.degrees:.1f}°"
             picture = shoot([Shown(points, triangles, BUFF)], view, size=SIZE, frame=vertices)
             _show(axis, picture, text)
+    _save(figure, path)
+
+
+def denoise_camera(path: Path) -> None:
+    """A pyramid of plaster as a depth camera sees it, denoised, and measured by a laser scanner."""
+    folder = SHARED.parent / "bench" / "denoising"
+    truth, triangles = read_mesh(folder / "kinect-pyramid-truth.ply")
+    scanned, _ = read_mesh(folder / "kinect-pyramid-noisy.ply")
+    denoised = approximate(scanned, triangles, Settings(denoise="only")).vertices
+    figure, axes = plt.subplots(1, 3, figsize=(13.0, 4.4), layout="constrained")
+    for axis, points, title in zip(axes, (scanned, denoised, truth), ("scanned", "denoised", "truth"), strict=True):
+        found = closeness(truth, triangles, points)
+        text = title if points is truth else f"{title}: rms {found.rms:.2e}, normals {found.degrees:.1f}°"
+        _show(axis, shoot([Shown(points, triangles, BUFF)], CAMERA, size=SIZE, frame=truth), text)
     _save(figure, path)
 
 
@@ -166,8 +181,9 @@ def _save(figure: Any, path: Path) -> None:
 
 REPRESENTATION_FIGURES: dict[str, Callable[[Path], None]] = {
     "denoise": denoise,
+    "denoise_camera": denoise_camera,
     "inspect_patch": inspect,
     "compare_methods": compare,
     "resample": resampled,
 }
-"""Name of a picture in docs/pictures -> what makes it, from the models of ../shared/models."""
+"""Name of a picture in docs/pictures -> what makes it, from the models of ../shared."""

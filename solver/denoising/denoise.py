@@ -47,13 +47,10 @@ _ISOTROPIC = 0.5  # of the noise along the normals: with more within the surface
 
 _FINE = PatchRule((14, 28, 56, 112, 224, 448), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
 _COARSE = PatchRule((250,), normal_width=0.3, largest_change=4.0, caution=0.85, misfit_power=4.0)
-_LARGE = PatchRule((60, 120, 250, 500), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
-
-_WIDE = 0.6
-"""Where patches cover this share of a rule's largest size on average, the shape is made of wide smooth sides."""
+_LARGE = replace(_FINE, sizes=(60, 120, 250, 500), wide=0.75)
 
 _BESIDE = 2
-"""Rings of triangles around such places whose patches are fitted twice."""
+"""Rings of triangles around wide smooth sides whose patches are fitted twice."""
 
 _ON_WIDE_SIDES = 6.0
 """Their `largest_change`."""
@@ -294,7 +291,7 @@ def _beside_wide_patches(surface: Surface, average: PatchAverage, rule: PatchRul
     There the patches' own normals tell the sides apart better than filtered ones do.  In fine relief they do not: they
     would be guided by their own mistakes.
     """
-    wide = average.patch_sizes >= _WIDE * rule.sizes[-1]
+    wide = average.patch_sizes >= rule.wide * rule.sizes[-1]
     around = surface.around.astype(np.float64)
     for _ in range(_BESIDE):
         wide = wide | (around @ wide.astype(np.float64) > 0.0)

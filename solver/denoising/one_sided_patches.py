@@ -48,6 +48,8 @@ class PatchRule:
         patches become large; elsewhere the bias of a large patch would be as large as what it gains.
     misfit_power
         How strongly a patch loses weight whose residuals are larger than the noise.
+    wide
+        Share of the largest size from which on a patch lies on a wide smooth side.
     """
 
     sizes: tuple[int, ...]
@@ -55,6 +57,7 @@ class PatchRule:
     largest_change: float
     caution: float
     misfit_power: float
+    wide: float = 0.6
 
     def larger(self, factor: float) -> PatchRule:
         """Return the rule for patches with `factor` times as many triangles."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 from scipy.special import huber
+from scipy.stats import norm
 from sparse_surface.solver.reconstruction.robust_weights import TUNING, robust_weights, spread
 
 
@@ -38,6 +39,16 @@ def test_weighted_means_end_at_the_minimum_of_the_loss(kind: str) -> None:
     limit = TUNING[kind] * 0.1
     best = minimize_scalar(lambda x: LOSSES[kind](values - x, limit).sum(), bounds=(1.5, 2.5), method="bounded")
     assert centre == pytest.approx(best.x, abs=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["huber", "tukey"])
+def test_on_normal_errors_95_percent_of_the_efficiency_is_left(kind: str) -> None:
+    """(E psi')^2 / E psi^2 for psi(r) = r w(r) and standard normal r, by quadrature."""
+    residual, step = np.linspace(-12.0, 12.0, 480_001, retstep=True)
+    density = norm.pdf(residual) * step
+    influence = residual * robust_weights(np.abs(residual), kind, 1.0)
+    efficiency = (np.gradient(influence, step) @ density) ** 2 / (influence**2 @ density)
+    assert efficiency == pytest.approx(0.95, abs=1e-3)
 
 
 def test_spread_of_distances_does_not_see_outliers() -> None:
