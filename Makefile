@@ -94,5 +94,5 @@ figures: venv ## make the pictures of docs/ and docs/paper.md again (FIGURES="fi
 	@$(PY) scripts/figures.py $(FIGURES)
 
 clean: ## remove what the targets made, but for the environments and the wheels
-	@rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache
+	@rm -rf build dist out .cache .pytest_cache .mypy_cache .ruff_cache
 	@find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
