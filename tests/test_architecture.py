@@ -29,8 +29,9 @@ Sources = dict[str, str]
 FLOORS = (
     "solver.arrays solver.atomic_files solver.errors solver.patch_methods solver.version",
     "solver.progress",
-    "solver.settings solver.mesh solver.processes",
+    "solver.settings",
     "solver.native",
+    "solver.mesh solver.processes",
     "solver.patches solver.denoising solver.distance",
     "solver.fitting",
     "solver.surface",

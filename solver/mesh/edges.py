@@ -7,6 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..arrays import Indices
+from ..native import graphs
+from ..native.library import reason_against
 
 
 def edge_keys(one: Indices, other: Indices, vertex_count: int) -> Indices:
@@ -20,6 +22,8 @@ def connected_parts(one: Indices, other: Indices, count: int) -> tuple[int, Indi
 
     Parts are numbered by their lowest node.
     """
+    if reason_against() is None:
+        return graphs.connected_parts(one, other, count)
     graph = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count)).tocsr()
     parts, part = connected_components(graph, directed=False)
     return int(parts), part.astype(np.int64)

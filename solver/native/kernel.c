@@ -14,4 +14,5 @@
 #include "representation.c"
 #include "taylor.c"
 #include "cover.c"
+#include "parts.c"
 #include "parameterisation.c"

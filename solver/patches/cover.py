@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Booleans, Indices, row_positions
 from ..mesh.triangle_mesh import TriangleMesh
-from ..native import patches as native
+from ..native import graphs as native
 from ..native.library import reason_against
 
 _FAR = np.iinfo(np.int64).max

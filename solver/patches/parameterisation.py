@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..mesh.triangle_mesh import TriangleMesh
-from ..native import patches as native
+from ..native import maps as native
 from ..native.library import reason_against
 from .linear_systems import solve_held
 from .loops import Loops, boundary_loops

@@ -1,4 +1,4 @@
-"""Covers and conformal maps of the compiled kernel against those of NumPy."""
+"""Covers, conformal maps and connected parts of the compiled kernel against those of NumPy and SciPy."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
-from sparse_surface.solver.native import library, patches
+from sparse_surface.solver.native import graphs, library, maps
 from sparse_surface.solver.patches import cover, parameterisation
 from sparse_surface.solver.patches.patches import build_patches
 
@@ -71,7 +73,7 @@ def test_maps_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch, model: Callabl
     np.testing.assert_allclose(found.points, expected.points, atol=1e-9 * np.ptp(expected.points))
 
 
-def fan(blades: int) -> patches.Disks:
+def fan(blades: int) -> maps.Disks:
     """A regular fan of triangles around a vertex, flat."""
     angle = 2.0 * np.pi * np.arange(blades) / blades
     around = np.stack((np.cos(angle), np.sin(angle), np.zeros(blades)), axis=1)
@@ -81,12 +83,12 @@ def fan(blades: int) -> patches.Disks:
     lengths = np.linalg.norm(corners[:, [1, 2, 0]] - corners[:, [2, 0, 1]], axis=2)
     areas = np.full(blades, 0.5 * np.sin(2.0 * np.pi / blades))
     offsets = np.array([0, blades + 1]), np.array([0, blades])
-    return patches.Disks(offsets[0], positions, offsets[1], triangles.astype(np.int64), lengths, areas)
+    return maps.Disks(offsets[0], positions, offsets[1], triangles.astype(np.int64), lengths, areas)
 
 
 def test_what_is_flat_keeps_its_shape() -> None:
     disk = fan(9)
-    points, solved = patches.conformal_maps(disk)
+    points, solved = maps.conformal_maps(disk)
     assert solved.all()
     apart = [np.linalg.norm(own[:, None] - own[None], axis=2) for own in (points, disk.positions)]
     np.testing.assert_allclose(apart[0], apart[1], atol=1e-12)
@@ -94,7 +96,7 @@ def test_what_is_flat_keeps_its_shape() -> None:
 
 def test_what_cannot_be_solved_is_left_alone_and_mapped_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = fan(9)._replace(areas=np.full(9, -1.0))
-    points, solved = patches.conformal_maps(wrong)
+    points, solved = maps.conformal_maps(wrong)
     assert not solved.any()
     assert not points.any()
 
@@ -102,12 +104,31 @@ def test_what_cannot_be_solved_is_left_alone_and_mapped_by_numpy(monkeypatch: py
     disks = build_patches(mesh, cover.build_cover(mesh, 7), 7)
     expected = parameterisation.initial_domains(mesh, disks)
 
-    def but_every_third(given: patches.Disks) -> tuple[np.ndarray, np.ndarray]:
+    def but_every_third(given: maps.Disks) -> tuple[np.ndarray, np.ndarray]:
         points, solved = conformal_maps(given)
         solved[::3] = False
         points[np.repeat(~solved, np.diff(given.vertex_offsets))] = np.nan
         return points, solved
 
-    conformal_maps = patches.conformal_maps
-    monkeypatch.setattr(patches, "conformal_maps", but_every_third)
+    conformal_maps = maps.conformal_maps
+    monkeypatch.setattr(maps, "conformal_maps", but_every_third)
     np.testing.assert_allclose(parameterisation.initial_domains(mesh, disks), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("edges", [0, 10, 300, 3000])
+def test_connected_parts_are_those_of_scipy_by_their_lowest_nodes(edges: int) -> None:
+    one, other = np.random.default_rng(edges).integers(0, 1000, (2, edges))
+    count, part = graphs.connected_parts(one, other, 1000)
+    found, label = connected_components(coo_array((np.ones(edges), (one, other)), shape=(1000, 1000)), directed=False)
+    assert count == found
+    assert len(np.unique(np.stack((part, label)), axis=1).T) == count, "the same nodes belong together"
+    lowest = np.unique(part, return_index=True)[1]
+    assert (np.diff(lowest) > 0).all()
+
+
+def test_a_long_path_is_one_part_from_either_end() -> None:
+    along = np.arange(100_000)
+    for order in (slice(None), slice(None, None, -1)):
+        count, part = graphs.connected_parts(along[:-1][order], along[1:][order], 100_000)
+        assert count == 1
+        assert not part.any()
