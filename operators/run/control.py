@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-import bpy
 from bpy.types import Context, Timer
 
 from ...solver.settings import Settings
 from ..data.objects import current_name
+from .preloading import python_command
 from .watch import Watch
 
 if TYPE_CHECKING:
@@ -180,7 +179,7 @@ class Run:
         self._begun += 1
         if self.progress is not None:
             self.progress = replace(self.progress, stage="Reading the mesh", detail="")
-        self._job = Job((sys.executable, *bpy.app.python_args))
+        self._job = Job(python_command())
         self._job.start(source.arrays, settings, previews=self.preview is not None)
 
     def _take_result(self, job: Job) -> None:

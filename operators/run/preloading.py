@@ -6,11 +6,13 @@ responsive.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 
 import bpy
 
-_NEEDED = ("...solver.job", "..data.results", "..preview.controller")
+_JOB = "...solver.job"
+_NEEDED = (_JOB, "..data.results", "..preview.controller")
 """What the run's functions import; a test compares this with the modules that a run loads."""
 
 FIRST_AFTER = 0.2
@@ -21,18 +23,26 @@ _left: list[str] | None = None
 """What remains to be loaded; None before `preload` was called."""
 
 
+def python_command() -> tuple[str, ...]:
+    """Return what starts Blender's own Python without Blender."""
+    return sys.executable, *bpy.app.python_args
+
+
 def preload() -> None:
-    """Start to load, once; a panel calls this whenever it is drawn."""
+    """Start to load, once, and have a child wait for the next run; a panel calls this whenever it is drawn."""
     global _left
     if _left is None:
         _left = list(_NEEDED)
+    if not (bpy.app.background or bpy.app.timers.is_registered(_load_next)):
         bpy.app.timers.register(_load_next, first_interval=FIRST_AFTER)
 
 
 def _load_next() -> float | None:
     if _left:
         import_module(_left.pop(0), __package__)
-    return BETWEEN if _left else None
+        return BETWEEN
+    import_module(_JOB, __package__).prepare(python_command())
+    return None
 
 
 def register() -> None:
@@ -42,6 +52,13 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Stop loading."""
+    """Stop loading, and end the child that waits."""
     if bpy.app.timers.is_registered(_load_next):
         bpy.app.timers.unregister(_load_next)
+    dismiss()
+
+
+def dismiss() -> None:
+    """End the child that waits, if there is one."""
+    if _left is not None and _NEEDED[0] not in _left:
+        import_module(_JOB, __package__).dismiss_prepared()

@@ -8,6 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_rpt as rpt_
 
 from .control import Run
+from .preloading import dismiss
 from .status import redraw_progress, settle_sidebars, show_status
 
 
@@ -62,6 +63,7 @@ def _stop_before_load(*_: object) -> None:
 
 
 def _kill_at_exit() -> None:
+    dismiss()
     if session.current is not None:
         session.current.stop()
 

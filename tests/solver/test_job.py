@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import FINISH, Settings, approximate
+from sparse_surface.solver import job as module
 from sparse_surface.solver.interchange import MeshArrays
-from sparse_surface.solver.job import Job, approximate_arrays
+from sparse_surface.solver.job import Job, approximate_arrays, dismiss_prepared, prepare
 from sparse_surface.solver.processes.child import start_child
 from sparse_surface.solver.progress import Progress, run_to_end
 
@@ -415,3 +416,21 @@ os._exit(0)
     idle, threads, turned = done.stdout.split()
     assert idle == turned == "True"
     assert int(threads) >= 2
+
+
+def test_a_prepared_child_does_the_next_job_and_waits_for_no_other(job) -> None:
+    """The job takes the child that waits; without a job, dismissing ends it."""
+    prepare()
+    prepare()  # there is one already
+    (waiting,) = module._prepared.values()
+    job.start(creased_grid(8), QUICK)
+    assert job._executor is waiting
+    assert not module._prepared
+    wait(job)
+    assert job.outcome is not None, job.failure
+    prepare()
+    (waiting,) = module._prepared.values()
+    dismiss_prepared()
+    assert not module._prepared
+    with pytest.raises(RuntimeError, match="shut down"):
+        waiting.submit(abs, 1)

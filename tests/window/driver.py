@@ -219,12 +219,23 @@ def drawn_objects() -> frozenset[int]:
     return frozenset(module("operators.preview.overlay")._drawn)
 
 
-def children() -> list[int]:
-    """Return the process numbers of the solver's processes, workers of workers too (where there is /proc)."""
+def waiting_children() -> set[int]:
+    """Return the process numbers of children that were started for the next run."""
+    jobs = sys.modules.get(f"{add_on()}.solver.job")
+    crews = [executor._crew for executor in jobs._prepared.values()] if jobs is not None else []
+    return {worker._process.pid for crew in crews for worker in crew if worker._process is not None}
+
+
+def children(*, waiting: bool = False) -> list[int]:
+    """Return the process numbers of the solver's processes, workers of workers too (where there is /proc).
+
+    Those that wait for the next run are among them only on request.
+    """
     found = []
+    spared = set() if waiting else waiting_children()
     for command in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
-            if b"child_main.py" in command.read_bytes():
+            if b"child_main.py" in command.read_bytes() and int(command.parent.name) not in spared:
                 found.append(int(command.parent.name))
     return found
 
