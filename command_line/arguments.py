@@ -86,7 +86,19 @@ def _add_approximate(parser: argparse.ArgumentParser) -> Sequence[Settle]:
     parser.add_argument("--object", metavar="NAME", help="approximate only this object of the file")
     parser.add_argument("--strict", action="store_true", help="exit with 1 where one of several meshes was refused")
     _add_outputs(parser)
+    _add_blocks(parser)
     return [_add_settings(parser, Settings, presets=True)]
+
+
+def _add_blocks(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("large meshes", "With one of these, the mesh is approximated in blocks.")
+    group.add_argument(
+        "--block-size", type=positive_number, metavar="N", help="vertices in a block, at most; 250000 where not given"
+    )
+    group.add_argument("--cluster", metavar="ADDRESS", help="solve the blocks on a Dask cluster, as tcp://host:8786")
+    group.add_argument(
+        "--resume", type=Path, metavar="FOLDER", help="keep finished blocks here, and go on with those that are there"
+    )
 
 
 def _add_reconstruct(parser: argparse.ArgumentParser) -> Sequence[Settle]:

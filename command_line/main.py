@@ -24,6 +24,9 @@ OTHER_PYTHON = " The module exists for Python 3.11 and 3.13 only."
 WITHOUT_BLENDER = ("approximate", "evaluate", "inspect")
 """Commands that can do without."""
 
+BLOCKS = ("block_size", "cluster", "resume")
+"""Arguments with which a mesh is approximated in blocks."""
+
 NO_BENCHMARK = "The benchmark comes with the source code, not with the extension."
 
 
@@ -56,7 +59,9 @@ def _run(words: list[str]) -> int:
     console.json = options.json
     console.level = QUIET if options.quiet else VERBOSE if options.verbose else NORMAL
     module = options.command
-    if find_spec("bpy") is None:
+    if any(getattr(options, name, None) for name in BLOCKS):
+        module = "in_blocks"
+    elif find_spec("bpy") is None:
         if module not in WITHOUT_BLENDER:
             raise SparseSurfaceError(NO_BLENDER + ("" if sys.version_info[:2] in BLENDERS_PYTHONS else OTHER_PYTHON))
         module = "without_blender"

@@ -15,30 +15,35 @@ from ..surface.container import INDICES, REAL, Format, Layer, pack, unpack
 from ..surface.representation import Representation
 from .spread import Spread
 
+NUMBERS = ("<i2", *INDICES)
+
 _SURFACE = {
     "vertices": Layer(("places", 3), REAL),
-    "triangles": Layer(("triangles", 3), INDICES),
-    "polygon": Layer(("triangles",), INDICES),
+    "triangles": Layer(("triangles", 3), NUMBERS),
+    "polygon": Layer(("triangles",), NUMBERS),
     "vertex_offsets": Layer(("patches + 1",), INDICES),
-    "patch_vertices": Layer(("patch vertices",), INDICES),
+    "patch_vertices": Layer(("patch vertices",), NUMBERS),
     "triangle_offsets": Layer(("patches + 1",), INDICES),
     "patch_triangles": Layer(("patch triangles", 3), INDICES),
-    "mesh_triangles": Layer(("patch triangles",), INDICES),
+    "mesh_triangles": Layer(("patch triangles",), NUMBERS),
     "domains": Layer(("domains", "patch vertices", 2), REAL),
     "weights": Layer(("patch vertices",), REAL),
     "origins": Layer(("patches", 3), REAL),
     "scales": Layer(("patches", "domains"), REAL),
-    "support": Layer(("patches", 3, "functions"), INDICES),
+    "support": Layer(("patches", 3, "functions"), NUMBERS),
     "coefficients": Layer(("patches", 3, "functions"), REAL),
     "creases": Layer(("creases", 2), INDICES),
 }
 """The fields of a representation that evaluate it."""
 
+_CLIMBING = ("triangles", "polygon", "patch_vertices", "mesh_triangles")
+"""Fields that are stored as differences between rows, which are small."""
+
 _BLOCK = {
     "share": Layer(("vertices",), REAL),
     "points": Layer(("vertices", 3), REAL),
-    "patch": Layer(("vertices",), ("<i2", *INDICES)),
-    "piece": Layer(("vertices",), ("<i2", *INDICES)),
+    "patch": Layer(("vertices",), NUMBERS),
+    "piece": Layer(("vertices",), NUMBERS),
     "blended": Layer(("blended",), INDICES),
     "parts": Layer(("blended", "samples", 3), REAL),
     "text": Layer(("characters",), ("|u1",)),
@@ -91,6 +96,7 @@ class SolvedBlock:
         """Return the content of a file; the same bytes for the same block."""
         text = json.dumps({"between": self.between.as_list(), "report": self.report}).encode()
         arrays = {name: getattr(self.surface, name) for name in _SURFACE}
+        arrays |= {name: np.diff(arrays[name], axis=0, prepend=0) for name in _CLIMBING}
         arrays |= {name: getattr(self, name) for name in _BLOCK if name != "text"}
         arrays = {name: _narrow(array, name in _BLOCK) for name, array in arrays.items()}
         head = {name: getattr(self.surface, name) for name in sorted(BLOCK.keys)}
@@ -116,6 +122,7 @@ def _surface(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Represent
     wide: dict[str, Any] = {
         name: array.astype(np.float64 if array.dtype.kind == "f" else np.int64) for name, array in arrays.items()
     }
+    wide |= {name: np.cumsum(wide[name], axis=0) for name in _CLIMBING}
     nothing = np.zeros(0, dtype=np.int64)
     return Representation(
         **wide,
@@ -133,5 +140,6 @@ def _narrow(array: NDArray[Any], as_is: bool) -> NDArray[Any]:
         if not as_is and (short := array.astype(np.float32)).astype(array.dtype).tobytes() == array.tobytes():
             return short
         return array
-    kinds = (np.uint16, np.int32, np.int64) if array.min(initial=0) >= 0 else (np.int32, np.int64)
-    return array.astype(next(kind for kind in kinds if array.max(initial=0) <= np.iinfo(kind).max))
+    kinds = (np.uint16, np.int32, np.int64) if array.min(initial=0) >= 0 else (np.int16, np.int32, np.int64)
+    largest = max(array.max(initial=0), -array.min(initial=0))
+    return array.astype(next(kind for kind in kinds if largest <= np.iinfo(kind).max))

@@ -1,4 +1,4 @@
-"""The pipeline on Dask: the same bytes from a cluster's workers (docs/scaling.md)."""
+"""Chunks of patches on Dask: the same bytes from a cluster's workers."""
 
 from __future__ import annotations
 
