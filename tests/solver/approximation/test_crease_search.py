@@ -53,6 +53,32 @@ def test_noise_on_a_sphere_has_none() -> None:
     assert not found(rough, faces, iterations=2)
 
 
+def test_a_crease_that_fades_is_cut_as_far_as_it_bends_and_ends_smoothly() -> None:
+    cells = 40
+    y, x = np.mgrid[0 : cells + 1, 0 : cells + 1] / cells
+    height = 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y) - np.clip(1.2 - 1.6 * y, 0.0, None) * np.abs(x - 0.5)
+    vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    faces = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    inside = np.random.default_rng(4).dirichlet([1.0, 1.0, 1.0], 8 * len(faces))
+    face = np.repeat(np.arange(len(faces)), 8)
+    truth = np.einsum("nk,nkd->nd", inside, vertices[faces[face]])
+    off = {}
+    for creases in ("auto", "off"):
+        surface = approximate(vertices, faces, Settings(**QUICK, creases=creases)).representation
+        off[creases] = np.linalg.norm(surface.evaluate(face, inside) - truth, axis=1)
+        if creases == "auto":
+            ends = vertices[surface.creases]
+    assert (ends[..., 0] == 0.5).all()
+    assert ends[..., 1].min() == 0.0
+    assert 0.6 < ends[..., 1].max() < 0.75
+    beside = np.abs(truth[:, 0] - 0.5) < 0.05
+    for low, high, better in ((0.0, 0.5, 5.0), (0.5, 0.9, 1.0)):
+        here = beside & (truth[:, 1] > low) & (truth[:, 1] < high)
+        assert better * off["auto"][here].max() < off["off"][here].max()
+
+
 @pytest.mark.parametrize("settings", [{"method": "paper"}, {"method": "traditional"}, {"blending": "uniform"}])
 def test_methods_without_creases(settings: dict[str, str]) -> None:
     assert not found(*cube(8), iterations=1, **settings)
