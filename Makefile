@@ -8,6 +8,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 LINT := .venv-lint
 DOCS := .venv-docs
+RELEASE := .venv-release
 MUTANTS_VENV := .venv-mutants
 # One BLAS thread a process: the solver's small stacked products only lose by more.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -20,7 +21,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window test-mutants lint-venv lint format build docs bench pages \
+.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window test-mutants lint-venv lint format build docs release bench pages \
 	figures clean
 
 help: ## list the targets
@@ -76,12 +77,16 @@ format: lint-venv ## format the code
 	@$(LINT)/bin/python -m ruff format .
 
 build: venv ## the extension zips in dist/, validated (PLATFORMS="linux-x64 ..." for some of them)
-	@$(PY) scripts/build_extension.py $(PLATFORMS)
+	@$(PY) scripts/build_extension.py $(PLATFORMS) $(if $(OUTPUT),--output "$(OUTPUT)")
 
 docs: ## build the documents as a web site, notebooks run, into dist/docs (PYTHON=... chooses the Python)
 	@"$$(scripts/find_python.sh 3.11 3.13)" scripts/environment.py $(DOCS) docs solver --editable
 	@$(DOCS)/bin/python scripts/build_native.py --if-needed
 	@$(DOCS)/bin/python scripts/build_docs.py
+
+release: venv ## version, changelog, library, zips, documents, checksums, commit and tag (VERSION=0.2.0)
+	@"$$(scripts/find_python.sh 3.11 3.13)" scripts/environment.py $(RELEASE) release
+	@$(RELEASE)/bin/python scripts/release.py "$(VERSION)"
 
 bench: venv ## measure speed and accuracy into docs/measured.json and the pages (BENCH="--only stages sizes")
 	@$(PY) -m sparse_surface benchmark --keep $(BENCH)

@@ -317,6 +317,28 @@ def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path)
     assert wheel.name.endswith("-py3-none-any.whl") == (not kernel)
 
 
+def test_the_sdist_holds_what_builds_the_wheel(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    tracked = subprocess.run(["git", "ls-files", "-z"], cwd=CHECKOUT, check=True, capture_output=True, text=True).stdout
+    for name in filter(None, tracked.split("\0")):
+        if (CHECKOUT / name).is_file() and not name.startswith(("tests/", "docs/")):
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(CHECKOUT / name, source / name)
+    build = "import sys; from setuptools import build_meta; print(build_meta.build_sdist(sys.argv[1]))"
+    done = subprocess.run([sys.executable, "-c", build, str(tmp_path)], cwd=source, check=True, capture_output=True)
+    assert done.stdout
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    shutil.unpack_archive(sdist, tmp_path / "unpacked", filter="data")
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    assert not list(unpacked.glob("solver/native/built/*"))
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*pip, f"--wheel-dir={tmp_path}", str(unpacked)], check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        kernel = [name for name in file.namelist() if "solver/native/built/" in name]
+    assert len(kernel) == (script("build_native").compiler_of_this_machine() is not None)
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads ELF files")
 def test_the_kernel_is_small_and_needs_only_the_c_library() -> None:
     native = script("build_native")

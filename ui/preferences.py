@@ -60,6 +60,8 @@ class SparseSurfacePreferences(AddonPreferences):
         reason = kernel_missing()
         if reason is not None:
             column.label(text=reason, icon="INFO")
+        elif not missing_packages():
+            column.label(text="Everything was found, also the compiled kernel", icon="CHECKMARK")
         if missing_packages():
             column.label(text="Install the add-on's zip for your platform: it includes what is missing", icon="ERROR")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -273,6 +274,27 @@ def test_preferences_show_the_versions_in_use():
     assert scipy.__version__ in words(seen)
     assert ("prop", "workers") in seen
     assert ("prop", "default_preset") in seen
+
+
+def test_preferences_say_whether_everything_was_found(monkeypatch: pytest.MonkeyPatch):
+    def shown() -> str:
+        seen: list[tuple[str, Any]] = []
+        own = bpy.context.preferences.addons[scenes.EXTENSION].preferences
+        preferences.SparseSurfacePreferences.draw(
+            SimpleNamespace(layout=Recorder(seen), bl_rna=own.bl_rna, workers=0, default_preset="default"), bpy.context
+        )
+        return words(seen)
+
+    library = importlib.import_module(f"{scenes.EXTENSION}.solver.native.library")
+    monkeypatch.setattr(library, "reason_against", lambda: None)
+    assert "Everything was found, also the compiled kernel" in shown()
+    monkeypatch.setattr(preferences, "missing_packages", lambda: ("SciPy",))
+    assert "Everything was found" not in shown()
+    assert "it includes what is missing" in shown()
+    monkeypatch.setattr(preferences, "missing_packages", lambda: ())
+    monkeypatch.setattr(library, "reason_against", lambda: "There is no kernel.")
+    assert "Everything was found" not in shown()
+    assert "There is no kernel." in shown()
 
 
 def test_registering_and_drawing_loads_neither_numpy_nor_scipy(run_bpy):
