@@ -25,7 +25,7 @@ from .block_report import joined_report
 from .cut import Cut, Parts
 from .engines import engine_of
 from .folder import REPORT, JobFolder
-from .joining import distances, joined, turned_normals
+from .joining import distances, joined
 from .large_mesh import LargeMesh
 from .surface import BlockSurface
 from .task import BlockTask, solve_block_steps
@@ -286,8 +286,7 @@ def _finished(
         if len(cut) == 1:
             report = found.reports[0]
         else:
-            normals = turned_normals(given, vertices)
-            report = joined_report(given, found, error, normals, settings)
+            report = joined_report(given, found, error, settings)
     report["input"] |= {"blocks": len(cut), "block_size": folder.job["block_size"]}
     if len(cut) > 1:
         report["seconds"] |= {**watch.seconds, "total": watch.report()["total"]}

@@ -16,9 +16,7 @@ from .joining import Joined, longest_side
 from .large_mesh import LargeMesh
 
 
-def joined_report(
-    mesh: LargeMesh, found: Joined, error: Array, normals: tuple[float, int], settings: Settings
-) -> dict[str, Any]:
+def joined_report(mesh: LargeMesh, found: Joined, error: Array, settings: Settings) -> dict[str, Any]:
     """Put the reports of several blocks together.
 
     The errors are those of the blended surface.  Its bound is the largest of the blocks', of which it is a mean, and so
@@ -29,8 +27,6 @@ def joined_report(
     ----------
     mesh, found, error
         The mesh, what the blocks made of it, and how far the vertices are from it, (V,).
-    normals
-        Mean angle between the normals, degrees, and number of faces that turned.
     settings
         What was run.
     """
@@ -55,7 +51,7 @@ def joined_report(
         flipped_triangles=_total(reports, "flipped_triangles"),
         passed_through_vertices=int((found.patch < 0).sum()),
         vertices_reproduced=_total(reports, "vertices_reproduced"),
-        faces_turned=normals[1],
+        faces_turned=found.turning.turned,
         vertex_error=at_vertices,
         surface_error={**between, "bound": max(bound, between["max"])},
         relative={
@@ -65,7 +61,7 @@ def joined_report(
             "surface_max": between["max"] / size,
         },
         seam_max=max(report["seam_max"] for report in reports),
-        normal_error_degrees=normals[0],
+        normal_error_degrees=found.turning.degrees,
         energy=_histories(reports, "energy"),
         iterations=_iterations(reports),
         tolerance=_tolerance(reports),

@@ -14,6 +14,7 @@ from ..arrays import Array, Indices
 from ..surface.container import INDICES, REAL, Format, Layer, pack, unpack
 from ..surface.representation import Representation
 from .spread import Spread
+from .turning import Turning
 
 NUMBERS = ("<i2", *INDICES)
 
@@ -78,6 +79,8 @@ class SolvedBlock:
         The block's part of S(x) - x at `MEASURED_SAMPLES` of them, (b, 6, 3), float32.
     between
         Distances in the triangles of the block alone.
+    turning
+        How far the normals of the faces of the block alone turn.
     report
         Its report.
     """
@@ -90,11 +93,12 @@ class SolvedBlock:
     blended: Indices
     parts: NDArray[np.float32]
     between: Spread
+    turning: Turning
     report: dict[str, Any]
 
     def to_bytes(self) -> bytes:
         """Return the content of a file; the same bytes for the same block."""
-        text = json.dumps({"between": self.between.as_list(), "report": self.report}).encode()
+        text = json.dumps({"between": self.between.as_list(), "turning": self.turning, "report": self.report}).encode()
         arrays = {name: getattr(self.surface, name) for name in _SURFACE}
         arrays |= {name: np.diff(arrays[name], axis=0, prepend=0) for name in _CLIMBING}
         arrays |= {name: getattr(self, name) for name in _BLOCK if name != "text"}
@@ -115,7 +119,8 @@ class SolvedBlock:
         text = json.loads(arrays.pop("text").tobytes())
         own = {item.name: arrays.pop(item.name) for item in fields(cls) if item.name in _BLOCK}
         own |= {name: own[name].astype(np.int64) for name in ("patch", "piece", "blended")}
-        return cls(_surface(head, arrays), **own, between=Spread.from_list(text["between"]), report=text["report"])
+        between, turning = Spread.from_list(text["between"]), Turning(*text["turning"])
+        return cls(_surface(head, arrays), **own, between=between, turning=turning, report=text["report"])
 
 
 def _surface(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Representation:

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
 from ..mesh.edges import connected_parts
-from ..mesh.normals import angle_between, face_normals
-from ..mesh.triangulation import triangulate
 from ..progress import Progress, Steps
-from ..surface.metrics import faces_turned
 from .cut import Cut
 from .folder import JobFolder
 from .large_mesh import ROWS_AT_ONCE, LargeMesh
 from .spread import Spread
+from .turning import Turning
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +33,8 @@ class Joined:
         The blocks' reports.
     pieces
         Connected components of the mesh.
+    turning
+        How far the faces' normals turn.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -42,6 +42,7 @@ class Joined:
     between: Spread
     reports: list[dict[str, Any]]
     pieces: int
+    turning: Turning
 
 
 @dataclass(eq=False)
@@ -72,7 +73,7 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
     points = np.array(mesh.positions)
     patch = np.full(len(points), -1, dtype=np.int32)
     at, within, links = _Sum(), _Sum(), _Sum()
-    between, reports = Spread(), []
+    between, turning, reports = Spread(), Turning(), []
     patches = pieces = 0
     for number in range(len(cut)):
         solved, part = folder.block(number), folder.part(number)
@@ -86,6 +87,7 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
         links.add(vertices[shared], solved.piece[shared].astype(np.int64) + pieces)
         within.add(part.triangle_numbers(solved.surface.polygon)[solved.blended], solved.parts)
         between += solved.between
+        turning = turning.plus(solved.turning)
         reports.append(solved.report)
         patches += solved.surface.patches
         pieces += int(solved.piece.max(initial=-1)) + 1
@@ -93,7 +95,8 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
     numbers, moved = at.sums()
     points[numbers] = mesh.positions[numbers] + moved
     between += Spread.of(np.linalg.norm(within.sums()[1], axis=2)) if len(numbers) else Spread()
-    return Joined(points, patch, between, reports, _linked(links, pieces))
+    turning = turning.plus(_turned(mesh, points, numbers))
+    return Joined(points, patch, between, reports, _linked(links, pieces), turning)
 
 
 def _linked(links: _Sum, pieces: int) -> int:
@@ -104,23 +107,21 @@ def _linked(links: _Sum, pieces: int) -> int:
     return connected_parts(own[order][same], own[order][same + 1], pieces)[0]
 
 
-def turned_normals(mesh: LargeMesh, after: NDArray[Any]) -> tuple[float, int]:
-    """Return the mean angle between the normals of the input's triangles and the result's, degrees, and how many
-    faces turned by more than 90 degrees.
-    """
-    angles, usable, turned = 0.0, 0, 0
+def _turned(mesh: LargeMesh, after: NDArray[Any], shared: Indices) -> Turning:
+    """How the faces turn at vertices that blocks share; the blocks have measured all others."""
+    marked = np.zeros(len(after), dtype=bool)
+    marked[shared] = True
+    turning = Turning()
     for first in range(0, mesh.face_count, ROWS_AT_ONCE):
         faces = np.arange(first, min(first + ROWS_AT_ONCE, mesh.face_count))
         corners, offsets = mesh.corners_of(faces)
-        vertices, corners = np.unique(corners, return_inverse=True)
-        old, new = (array[vertices].astype(np.float64) for array in (mesh.positions, after))
-        triangles = triangulate(old, corners, offsets)[0]
-        normals = face_normals(old, triangles), face_normals(new, triangles)
-        both = normals[0].any(axis=1) & normals[1].any(axis=1)
-        angles += float(angle_between(normals[0][both], normals[1][both]).sum())
-        usable += int(both.sum())
-        turned += faces_turned(old, new, offsets, corners)
-    return float(np.degrees(angles / max(usable, 1))), turned
+        faces = faces[np.logical_or.reduceat(marked[corners], offsets[:-1])]
+        if len(faces):
+            corners, offsets = mesh.corners_of(faces)
+            vertices, corners = np.unique(corners, return_inverse=True)
+            old, new = (array[vertices].astype(np.float64) for array in (mesh.positions, after))
+            turning = turning.plus(Turning.of(old, new, corners.ravel(), offsets))
+    return turning
 
 
 def distances(mesh: LargeMesh, after: NDArray[Any]) -> Array:

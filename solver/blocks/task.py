@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..approximation.approximate import approximate_steps
 from ..approximation.result import Approximation
-from ..arrays import Array, Indices, offsets_of
+from ..arrays import Array, Indices, offsets_of, row_positions
 from ..mesh.edges import connected_parts
 from ..mesh.normals import triangle_areas
 from ..mesh.sampling import MEASURED_SAMPLES
@@ -22,6 +22,7 @@ from ..surface.representation import Representation
 from .content import SolvedBlock
 from .shares import shares_of
 from .spread import Spread
+from .turning import Turning
 
 TRIANGLES_AT_ONCE = 100_000
 
@@ -105,9 +106,10 @@ def _solved(task: BlockTask, share: Array, triangles: Indices, found: Approximat
     counts = share[triangles]
     blended = np.flatnonzero((counts > 0.0).any(axis=1) & (counts < 1.0).any(axis=1))
     alone = np.flatnonzero((counts == 1.0).all(axis=1))
-    between = Spread()
+    between, turning = Spread(), Turning()
     if not task.whole:
         points = task.positions.astype(np.float64)
+        turning = _turning(task, share, points, found.vertices.astype(np.float64))
         for start in range(0, len(alone), TRIANGLES_AT_ONCE):
             part = alone[start : start + TRIANGLES_AT_ONCE]
             between += Spread.of(surface_error(found.representation, part, vertices=points))
@@ -120,8 +122,16 @@ def _solved(task: BlockTask, share: Array, triangles: Indices, found: Approximat
         blended,
         _parts(task, found, triangles, blended, counts[blended]),
         between,
+        turning,
         found.report,
     )
+
+
+def _turning(task: BlockTask, share: Array, before: Array, after: Array) -> Turning:
+    """How far the normals of the faces turn at which the block counts alone."""
+    alone = np.flatnonzero(np.logical_and.reduceat(share[task.corners] == 1.0, task.offsets[:-1]))
+    places, offsets = row_positions(task.offsets, alone)
+    return Turning.of(before, after, task.corners[places].astype(np.int64), offsets)
 
 
 def _parts(
@@ -147,4 +157,6 @@ def _without_surface(task: BlockTask, share: Array, triangles: tuple[Indices, In
     )  # fmt: skip
     passing = np.full(len(share), -1, dtype=np.int64)
     parts = np.zeros((0, len(MEASURED_SAMPLES), 3), dtype=np.float32)
-    return SolvedBlock(surface, share, task.positions, passing, np.arange(len(share)), none, parts, Spread(), {})
+    return SolvedBlock(
+        surface, share, task.positions, passing, np.arange(len(share)), none, parts, Spread(), Turning(), {}
+    )

@@ -25,6 +25,7 @@ from sparse_surface.solver import (
     approximate_blocks_steps,
 )
 from sparse_surface.solver.blocks.content import SolvedBlock
+from sparse_surface.solver.mesh.normals import face_normals
 
 FAST = {"ring": 4, "degree": 7, "sparsity": 8, "iterations": 3, "workers": 1}
 INSIDE = np.array([0.2, 0.3, 0.5])
@@ -82,6 +83,10 @@ def test_blocks_are_as_close_as_one_piece(terrain, cut) -> None:
     assert cut.report["input"]["blocks"] == 4
     assert cut.report["input"]["components"] == 1
     assert cut.report["passed_through_vertices"] == 0
+    before, after = (face_normals(mesh.astype(np.float64), terrain[1]) for mesh in (terrain[0], cut.vertices))
+    angles = np.degrees(np.arccos(np.clip((before * after).sum(axis=1), -1.0, 1.0)))
+    assert cut.report["normal_error_degrees"] == pytest.approx(angles.mean(), rel=1e-3)
+    assert cut.report["faces_turned"] == (angles > 90.0).sum()
 
 
 def test_the_report_tells_the_errors_that_evaluation_finds(terrain, cut) -> None:
