@@ -201,10 +201,17 @@ def _bands(
     bands = tuple(Band(start, edges[k], start + width, edges[k + 1], (k + 0.5) / count) for k in range(count))
     x = start + width + gap
     if len(shares) == count:
-        said = [f"{name}  {share:.1%}" for name, share in zip(names, shares, strict=True)]
+        said = [f"{name}  {share_text(share)}" for name, share in zip(names, shares, strict=True)]
     words = [Text(x, (edges[k] + edges[k + 1]) / 2, name) for k, name in enumerate(said)]
     words += [Text(x, edge, f"{value:.4g}") for edge, value in zip(edges[1:-1], borders, strict=True)]
     return Legend(bands, tuple(edges[1:-1]), (title, *words))
+
+
+def share_text(share: float) -> str:
+    """Return a share in per cent; neither none nor all where it is neither."""
+    if 0.0 < share < 5e-4:
+        return "<0.1%"
+    return ">99.9%" if 0.9995 <= share < 1.0 - 1e-9 else f"{share:.1%}"
 
 
 def tick_values(low: float, high: float, count: int) -> list[float]:

@@ -11,6 +11,7 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ..operators.data.lengths import length_text
+from ..operators.data.viewports import sidebar_width
 from ..operators.heat_map.readings import Reading, readings
 from ..operators.heat_map.shown import shows_colours
 
@@ -50,7 +51,8 @@ def _draw_reading(reading: Reading, context: Context, interface: float) -> None:
     blf.size(0, TEXT_SIZE * interface)
     text, beside, pad = words_of(reading, context), BESIDE * interface, PAD * interface
     width, height = blf.dimensions(0, text)
-    corner = Vector((min(at.x + beside, region.width - width - pad), at.y + beside))
+    room = region.width - sidebar_width(context.area, context)
+    corner = Vector((min(at.x + beside, room - width - 2.0 * pad), at.y + beside))
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     gpu.state.blend_set("ALPHA")
     for thickness, colour in ((3.0, (0.02, 0.02, 0.02, 0.9)), (1.0, (1.0, 1.0, 1.0, 1.0))):

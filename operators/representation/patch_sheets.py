@@ -151,7 +151,10 @@ def _triangle_colours(representation: Representation, patch: int) -> NDArray[np.
 
 
 def _lay_out(shown: _Shown, coarse: PatchSheet, fine: PatchSheet, context: Context) -> None:
-    """Rows of initial domain, optimised domain and function; a row for each coordinate that has its own domain."""
+    """Domains above the functions; with a domain for each coordinate, a row of domains and function for each.
+
+    Views are wider than high, and so are both.
+    """
     several = len(coarse.domains) > 1
     everything = np.concatenate([*coarse.initial_domains, *coarse.domains])
     extent = float(np.ptp(everything, axis=0).max())
@@ -169,7 +172,7 @@ def _lay_out(shown: _Shown, coarse: PatchSheet, fine: PatchSheet, context: Conte
         for kind, (what, positions, sheet) in zip((0, 1, 2)[-len(column) :], column, strict=True):
             made = shown.add(what, positions, sheet)
             made.show_wire = made.show_all_edges = sheet is coarse
-            right, up = (kind, 2 - d) if several else ((0, 2 - kind) if kind < 2 else (1, 2 - d))
+            right, up = (kind, 2 - d) if several else ((kind, 1) if kind < 2 else (d, 0))
             corner = Vector((right * (TILE + GAP) + GAP / 2.0, up * (TILE + GAP + 2.0 * LABEL) + 2.0 * LABEL, 0.0))
             middle = corner + Vector((TILE / 2.0, TILE / 2.0, 0.0))
             scale = TILE * size / extent if extent > 0.0 else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bl_ext.user_default.sparse_surface.operators.data import colours as colour_ramp
 from bl_ext.user_default.sparse_surface.operators.data.colours import ColourScale, linear_to_srgb, ramp, srgb_to_linear
-from bl_ext.user_default.sparse_surface.ui.legend import build_legend, surrounding_box, tick_values
+from bl_ext.user_default.sparse_surface.ui.legend import build_legend, share_text, surrounding_box, tick_values
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -175,6 +175,38 @@ def test_legend_of_a_tolerance():
     legend = build_legend(0.0, 0.08, 0.01, "Error [mm]", 600, right=500.0)
     assert len(legend.bands) == 2
     assert {"inside", "outside", "0.01"} <= {word.text for word in legend.texts}
+
+
+def test_the_legend_says_the_share_of_each_band_and_none_only_of_none():
+    legend = build_legend(0.0, 0.08, 0.01, "Error [mm]", 600, right=500.0, shares=(0.9998, 0.0002))
+    assert {"inside  >99.9%", "outside  <0.1%"} <= {word.text for word in legend.texts}
+    assert [share_text(share) for share in (0.0, 0.25, 1.0)] == ["0.0%", "25.0%", "100.0%"]
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_the_histogram_stands_at_the_left_of_the_colours_and_long_words_have_room(scale):
+    shares = (0.5, 0.0, 0.25, 0.25)
+    legend = build_legend(
+        0.0,
+        0.08,
+        0.0,
+        "A long title",
+        600,
+        right=1000.0,
+        scale=scale,
+        shares=shares,
+        text_width=lambda word: 20.0 * len(word),
+    )
+    assert len(legend.bars) == 3  # none for the empty part
+    lengths = [bar.right - bar.left for bar in legend.bars]
+    assert lengths[0] == pytest.approx(2.0 * lengths[1]) == pytest.approx(2.0 * lengths[2])
+    assert all(bar.right < legend.bands[0].left for bar in legend.bars)
+    assert legend.bars[0].bottom == pytest.approx(legend.bands[0].bottom)
+    assert legend.bars[-1].top == pytest.approx(legend.bands[-1].top)
+    left, _, right, _ = surrounding_box(legend, scale)
+    assert left < min(bar.left for bar in legend.bars)
+    assert all(word.x + 20.0 * len(word.text) <= right for word in legend.texts)
+    assert right < 1000.0 - 44 * scale  # left of the buttons
 
 
 def test_legend_of_no_error():

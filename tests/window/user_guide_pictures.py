@@ -29,7 +29,7 @@ def take_pictures() -> driver.Steps:
     driver.shot("guide_panel")
     bpy.context.scene.sparse_surface.preview_kind = "DRAWN"  # as Automatic does it with a graphics card
     preview = driver.module("operators.preview.controller")
-    preview.REST, rest = 5.0, preview.REST  # there are as many previews as where they are drawn quickly
+    preview.REST, rest = 1.0, preview.REST  # there are as many previews as where they are drawn quickly
     driver.approximate()
     yield from driver.wait_for(lambda: driver.running().progress, 120.0, "first word of the solver")
     yield from driver.wait_for(driver.drawn_objects, 60.0, "first look")
@@ -51,6 +51,34 @@ def take_pictures() -> driver.Steps:
         bpy.context.scene.sparse_surface.display.tolerance = 0.003
     yield 1.0
     driver.shot("guide_tolerance")
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.show_heat_map()
+    yield from take_picture_of_distances(source)
+
+
+def take_picture_of_distances(source: bpy.types.Object) -> driver.Steps:
+    """Measure the result from its source, and keep a reading of two places."""
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+
+    settings = bpy.context.scene.sparse_surface
+    settings.display.inside_outside, settings.display.range_mode = False, "AUTOMATIC"
+    settings.job, settings.measurement.signed = "MEASURE", True
+    result = bpy.context.view_layer.objects.active
+    source.hide_set(False)
+    driver.select(source, result)
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.distance("INVOKE_DEFAULT", True)
+    yield from driver.wait_for(lambda: driver.running() is None, 300.0, "distances")
+    source.hide_set(True)
+    yield 0.5
+    with driver.in_viewport():
+        bpy.ops.sparse_surface.read_values("INVOKE_DEFAULT")
+    over, view = driver.region("WINDOW"), driver.viewport().spaces.active.region_3d
+    for place in ((-0.35, -0.7, 0.25), (0.3, -0.75, 0.55)):
+        at = location_3d_to_region_2d(over, view, place)
+        driver.click(over.x + round(at.x), over.y + round(at.y))
+        yield 0.5
+    driver.shot("guide_measure")
 
 
 if __name__ == "__main__":
