@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..operators.data.report_text import one_line
+from ..operators.files.formats import ERROR_COLOURS, QUALITIES
 from ..operators.files.large import read_large, write_large
 from ..solver.blocks.approximate_blocks import BLOCK_SIZE, approximate_blocks
 from ..solver.errors import SettingsError, WorkerError
@@ -34,6 +35,9 @@ def run(options: argparse.Namespace) -> None:
     """
     for name in ("heatmap", "domain_maps", "object", "resample"):
         if getattr(options, name):
+            raise SettingsError(WHOLE.format(name.replace("_", "-")))
+    for name, usual in (("quality", QUALITIES), ("error_colors", ERROR_COLOURS)):
+        if getattr(options, name) != next(iter(usual)):
             raise SettingsError(WHOLE.format(name.replace("_", "-")))
     source, name = read_large(options.input), options.input.stem
     with _cluster(options.cluster) as client, progress_display(name) as show:

@@ -74,6 +74,8 @@ def test_what_cannot_be_is_one_sentence(model: Path, tmp_path: Path, capsys: pyt
     words = ["approximate", str(model), "--block-size", "600", *QUICK]
     assert main([*words, "--resample", "2"]) == 2
     assert "--resample needs the mesh in one piece" in capsys.readouterr().err
+    assert main([*words, "--quality", "compact"]) == 2
+    assert "--quality needs the mesh in one piece" in capsys.readouterr().err
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     assert main([*words, "--resume", str(tmp_path / "full")]) == 1
