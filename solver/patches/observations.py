@@ -228,22 +228,23 @@ class MeshObservations:
         samples = SURFACE_SAMPLES if dense else CENTROID
         samples = samples if self._inside else samples[:0]
         weight = SMALL_PATCH_INSIDE_WEIGHT if dense else CENTROID_WEIGHT
-        first = self._first_dense[mesh_triangles] if dense else self._first_centroid + mesh_triangles
-        inside = (first[:, None] + np.arange(len(samples))).ravel()
-        corners = np.empty((count + len(inside), 3), dtype=np.int64)
+        inside = len(triangles) * len(samples)
+        corners = np.empty((count + inside, 3), dtype=np.int64)
         corners[:count] = np.arange(count)[:, None]
         corners[count:].reshape(len(triangles), -1, 3)[:] = triangles[:, None]
         shares = np.zeros((len(corners), 3))
         shares[:count, 0] = 1.0
         shares[count:].reshape(len(triangles), -1, 3)[:] = samples
-        own = np.concatenate([np.ones(count), np.full(len(inside), weight / (len(samples) or 1))])
+        own = np.concatenate([np.ones(count), np.full(inside, weight / (len(samples) or 1))])
         if self._weights is not None:
             own *= np.einsum("nk,nk->n", self._weights[self.patches.vertices[vertices]][corners], shares)
         if patch not in self._blends:
             blending = np.einsum("nk,nk->n", self.blending[vertices][corners], shares)
             if self._overlap is not None:
                 blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
-            self._blends[patch] = np.concatenate([self.patches.nodes[vertices], inside]), blending
+            first = self._first_dense[mesh_triangles] if dense else self._first_centroid + mesh_triangles
+            number = (first[:, None] + np.arange(len(samples))).ravel()
+            self._blends[patch] = np.concatenate([self.patches.nodes[vertices], number]), blending
         number, blending = self._blends[patch]
         return PatchObservations(
             number,
