@@ -185,6 +185,17 @@ def loose_edges(mesh: Mesh) -> NDArray[np.int64]:
     return read_edges(mesh)[free]
 
 
+def sharp_turns(mesh: Mesh, degrees: float) -> int:
+    """Return at how many edges two faces meet whose normals differ by more than an angle."""
+    sizes = read_polygons(mesh)[1]
+    edge = fetch(mesh.loops, "edge_index", np.int32)
+    order = np.argsort(edge, kind="stable")
+    normals = fetch(mesh.polygons, "normal", np.float32, 3)[np.repeat(np.arange(len(sizes)), sizes)[order]]
+    beside = np.flatnonzero(edge[order][1:] == edge[order][:-1])
+    turns = (normals[beside] * normals[beside + 1]).sum(axis=1) < np.cos(np.radians(degrees))
+    return int(np.count_nonzero(turns))
+
+
 def mark_sharp(mesh: Mesh, pairs: NDArray[np.integer[Any]]) -> None:
     """Mark the edges between pairs of vertices (E, 2) as sharp; pairs without an edge are ignored."""
     sharp = fetch(mesh.edges, "use_edge_sharp", np.bool_)

@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+import bpy
 
 from ...solver.native.library import reason_for_numpy
 from ...solver.patch_methods import METHODS
 from ...solver.settings import Settings
+from ..data.objects import find_object
+from .status import redraw_progress
 
 if TYPE_CHECKING:
     from bpy.types import Context, Mesh, Object
@@ -22,6 +28,9 @@ COVER_EFFICIENCY = 0.47, 0.3
 
 BORDER = 0.8
 """Part of the (k - 1) rings by which patches reach over each end of a sheet."""
+
+CREASE_DEGREES, MOST_CREASES = 30.0, 0.15
+"""Angle beyond which an edge is taken for part of a crease, and the share of edges beyond which they are noise."""
 
 FEWEST_ON_CLOSED = 6
 """Patches on a closed mesh whose rings nearly reach around it."""
@@ -72,11 +81,11 @@ class Estimate:
         )
 
 
-def estimate(vertices: int, settings: Settings, *, closed: bool = True) -> Estimate:
-    """Estimate a run on a mesh with this number of vertices, with a border or closed."""
+def estimate(vertices: int, settings: Settings, *, closed: bool = True, creases: int = 0) -> Estimate:
+    """Estimate a run on a mesh with this number of vertices, with a border or closed, and of edges along creases."""
     denoises_only = settings.denoise == "only"
     return Estimate(
-        patches=0 if denoises_only else _patches(vertices, settings.ring, closed),
+        patches=0 if denoises_only else _patches(vertices, settings.ring, closed, creases),
         seconds=_work(vertices, settings) * _seconds_per_work,
         gigabytes=vertices * MEGABYTES_PER_THOUSAND_VERTICES * 1e-6,
         at_least=settings.tolerance > 0.0 and not denoises_only,
@@ -104,8 +113,40 @@ def estimate_cloud(points: int, base_vertices: int = 0) -> Estimate:
 def estimate_meshes(chosen: Sequence[Object], context: Context) -> Estimate:
     """Estimate a run on mesh objects with the scene's settings; cheap enough for every redraw."""
     settings = context.scene.sparse_surface.to_settings()
-    each = (estimate(vertex_count(one, context), settings, closed=seems_closed(one, context)) for one in chosen)
+    each = (
+        estimate(
+            vertex_count(one, context),
+            settings,
+            closed=seems_closed(one, context),
+            creases=crease_count(one, context) if settings.creases == "auto" else 0,
+        )
+        for one in chosen
+    )
     return sum(each, Estimate(0, 0.0, 0.0))
+
+
+def crease_count(chosen: Object, context: Context) -> int:
+    """Return about how many edges of a mesh object lie along creases, 0 until a timer has counted them."""
+    mesh = _mesh(chosen, context)
+    key = chosen.session_uid, len(mesh.vertices), len(mesh.edges), len(mesh.polygons)
+    if key not in _creases and len(mesh.vertices) <= LARGE_MESH:
+        _creases[key] = 0
+        if not bpy.app.background:
+            bpy.app.timers.register(partial(_count_creases, chosen.session_uid, key), first_interval=0.3)
+    return _creases.get(key, 0)
+
+
+_creases: dict[tuple[int, ...], int] = {}
+"""Edges along creases by the object's session number and its mesh's numbers of vertices, edges and faces."""
+
+
+def _count_creases(session_uid: int, key: tuple[int, ...]) -> None:
+    found = find_object(session_uid)
+    if found is not None and found.type == "MESH":
+        meshes = import_module("..data.meshes", __package__)  # NumPy-heavy: drawing the panel must not load it
+        count = meshes.sharp_turns(_mesh(found, bpy.context), CREASE_DEGREES)
+        _creases[key] = count if count <= MOST_CREASES * key[2] else 0
+        redraw_progress(bpy.context)
 
 
 def coarse_meshes(chosen: Sequence[Object], context: Context) -> list[Object]:
@@ -155,13 +196,15 @@ def _mesh(chosen: Object, context: Context) -> Mesh:
     return chosen.data
 
 
-def _patches(vertices: int, ring: int, closed: bool) -> int:
+def _patches(vertices: int, ring: int, closed: bool, creases: int = 0) -> int:
     if closed:  # a ring that reaches around the mesh is no disk; smaller ones are taken
         ring = max(1, min(ring, int(math.sqrt(vertices / 3.0 + 0.25) - 0.5)))
     if ring == 1:
         return vertices
     # a sheet is covered as if it reached beyond its border
     covered = vertices if closed else (math.sqrt(vertices) + BORDER * (ring - 1)) ** 2
+    # the surface is cut along creases, so each edge is one of a border on both sides, with half a patch beyond it
+    covered += BORDER * (ring - 1) * creases
     patches = round(covered / (_efficiency(ring) * _inner(ring)))
     return min(max(patches, FEWEST_ON_CLOSED if closed else 1), vertices)
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import bpy
 import pytest
+from bl_ext.user_default.sparse_surface.benchmarks import generated_models
+from bl_ext.user_default.sparse_surface.operators.data.meshes import sharp_turns
 from bl_ext.user_default.sparse_surface.operators.run import estimate as estimates
 from bl_ext.user_default.sparse_surface.operators.run.estimate import (
     coarse_meshes,
@@ -39,7 +41,7 @@ def test_patches_of_small_meshes(kind: str, ring: int) -> None:
         made = ico_sphere(int(size)) if shape == "sphere" else scenes.creased_sheet(int(size))
     assert seems_closed(made, bpy.context) == (shape != "sheet")
     faces = [list(face.vertices) for face in made.data.polygons]
-    # creases are only found by solving: what they add to the patches, nobody can say before
+    # what creases add is tested below
     settings = Settings(ring=ring, iterations=0, sweeps=0, workers=1, creases="off")
     came = approximate(scenes.positions(made.data), faces, settings).report["patches"]
     said = estimate(len(made.data.vertices), settings, closed=shape != "sheet").patches
@@ -102,3 +104,26 @@ def test_points_are_counted_as_they_are_read() -> None:
     bpy.context.view_layer.update()
     assert estimates.point_count(points, bpy.context) == 300
     assert estimates.point_count(None, bpy.context) == 0
+
+
+@pytest.mark.parametrize("name", ["cube", "cylinder", "cubetorus", "lens", "l_solid", "sphere"])
+def test_patches_at_creases_are_counted(name: str) -> None:
+    """The surface is cut along creases, and each side is covered by itself: twice as many patches on a solid."""
+    vertices, faces = getattr(generated_models, name)()[:2]
+    made = scenes.mesh_object(name, vertices, [list(map(int, face)) for face in faces])
+    turns = sharp_turns(made.data, estimates.CREASE_DEGREES)
+    came = approximate(vertices, faces, Settings(iterations=2, sweeps=0, workers=1)).report
+    assert turns == came["creases"]["edges"]  # sharp ones; all are found
+    said = estimate(len(vertices), Settings(), creases=turns).patches
+    assert abs(said - came["patches"]) <= 0.25 * came["patches"], f"{said} said, {came['patches']} came"
+
+
+def test_noise_is_not_taken_for_creases(monkeypatch) -> None:
+    sheet = scenes.creased_sheet(20)
+    for vertex in sheet.data.vertices:
+        vertex.co.z += 0.2 * (vertex.index % 3)
+    sheet.data.update()
+    key = (sheet.session_uid, len(sheet.data.vertices), len(sheet.data.edges), len(sheet.data.polygons))
+    monkeypatch.setitem(estimates._creases, key, -1)
+    estimates._count_creases(sheet.session_uid, key)
+    assert estimates._creases[key] == 0
