@@ -19,7 +19,7 @@ from ..solver.job import approximate_arrays
 from ..solver.progress import run_to_end
 from .arguments import PROGRAM
 from .console import console
-from .outputs import Made, write_outputs
+from .outputs import Made, asked_for, write_outputs
 from .progress import progress_display
 
 
@@ -71,7 +71,7 @@ def _approximated(options: argparse.Namespace, source: Object, solved: dict[Any,
     console.say(one_line(source.name, outcome.report), source.name)
     console.detail(outcome.report)
     kept = outcome.report, outcome.representation, options.resample
-    return Made(options.input, source, result, *kept, error_colours=options.error_colors, quality=options.quality)
+    return Made(options.input, source, result, *kept, **asked_for(options))
 
 
 def _shared(source: Object, read: mesh_data.Source) -> Any:

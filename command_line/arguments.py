@@ -9,7 +9,7 @@ from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..operators.files.formats import ERROR_COLOURS, POINTS, QUALITIES, READABLE
+from ..operators.files.formats import ERROR_COLOURS, ORDERS, POINTS, QUALITIES, READABLE
 from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
 from ..solver.settings import PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
@@ -197,6 +197,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     _add_resample(parser)
     _add_choice(parser, "--error-colors", ERROR_COLOURS, "colours of the written mesh")
     _add_choice(parser, "--quality", QUALITIES, "what --representation keeps")
+    _add_choice(parser, "--vertex-order", ORDERS, "what --representation does with it")
     parser.add_argument("--domain-maps", action="store_true", help="write the patches' domains as UV maps")
 
 

@@ -28,8 +28,8 @@ class Made:
 
     `resolution` says into how many parts each edge is split before the result is written; None: it stays as it is.
     `measured` are distances between `result` and `source`.  `shown` is what pictures show of the result, if not itself.
-    `error_colours` says which colours a mesh file has (`formats.ERROR_COLOURS`), `quality` what is kept of the
-    representation (`formats.QUALITIES`).
+    `error_colours` says which colours a mesh file has (`formats.ERROR_COLOURS`), `quality` and
+    `vertex_order` what is kept of the representation (`formats.QUALITIES`, `formats.ORDERS`).
     """
 
     input: Path
@@ -43,6 +43,16 @@ class Made:
     caption: str = "Sparse Surface"
     error_colours: str = "replace"
     quality: str = "exact"
+    vertex_order: str = "keep"
+
+
+def asked_for(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what was asked for of files, as fields of `Made`."""
+    return {
+        "error_colours": options.error_colors,
+        "quality": options.quality,
+        "vertex_order": options.vertex_order,
+    }
 
 
 @dataclass(frozen=True)
@@ -155,7 +165,8 @@ def _figures(made: Sequence[Made]) -> dict[str, Any]:
 
 
 def _write_representation(path: Path, made: Sequence[Made]) -> None:
-    made[0].representation.save(path, made[0].quality)
+    each = made[0]
+    each.representation.save(path, each.quality, keep_vertex_order=each.vertex_order == "keep")
 
 
 def _write_heat_map(path: Path, made: Sequence[Made]) -> None:

@@ -21,7 +21,7 @@ from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
 from ..solver.surface.representation import Representation
 from .console import console
-from .outputs import Made, write_outputs
+from .outputs import Made, asked_for, write_outputs
 from .progress import progress_display
 
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
     made = Made(
         options.input, points, surface, outcome.report, _given_back(outcome.representation, source.arrays.shift)
     )
-    write_outputs(options, [dataclasses.replace(made, error_colours=options.error_colors, quality=options.quality)])
+    write_outputs(options, [dataclasses.replace(made, **asked_for(options))])
 
 
 def _given_back(representation: Representation, shift: tuple[float, float, float]) -> Representation:

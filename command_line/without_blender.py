@@ -38,7 +38,8 @@ def _approximate(options: argparse.Namespace) -> None:
     if options.report is not None:
         write_json(options.report, found.report)
     if options.representation is not None:
-        found.representation.save(options.representation, options.quality)
+        order = options.vertex_order == "keep"
+        found.representation.save(options.representation, options.quality, keep_vertex_order=order)
     console.say(one_line(name, found.report), name)
     console.detail(found.report)
     console.figures(found.report)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sparse_surface.command_line.console import Console, painted
+from sparse_surface.solver import load
 
 WITHOUT_BLENDER = (
     "import sys, importlib.util as u; plain = u.find_spec\n"
@@ -50,6 +51,15 @@ def test_json_is_all_that_standard_output_holds(model: Path, tmp_path: Path) -> 
     assert listed.stderr == ""
     fine = run("evaluate", surface, "--resample", "2", "-o", tmp_path / "fine.npz", "--json")
     assert json.loads(fine.stdout) == {"vertices": 19 * 19, "faces": 4 * 81}
+
+
+def test_a_representation_may_give_up_the_order_of_its_mesh(model: Path, tmp_path: Path) -> None:
+    kept, free = tmp_path / "kept.npz", tmp_path / "free.npz"
+    assert run("approximate", model, "--representation", kept, *QUICK).returncode == 0
+    assert run("approximate", model, "--representation", free, "--vertex-order", "free", *QUICK).returncode == 0
+    one, two = load(kept), load(free)
+    assert sorted(one.vertices.tolist()) == sorted(two.vertices.tolist())
+    assert not np.array_equal(one.vertices, two.vertices)
 
 
 def test_no_figures_are_printed_where_a_file_could_not_be_written(model: Path, tmp_path: Path) -> None:

@@ -84,6 +84,12 @@ QUALITIES = {
 }
 """How a representation is saved: what `solver.surface.format.canonical` offers, in words."""
 
+ORDERS = {
+    "keep": "vertices and faces keep their numbers",
+    "free": "they are numbered as they follow each other, for a smaller file",
+}
+"""Whether a saved representation keeps the order of its mesh, in words."""
+
 BY_ENDING = {ending: kind for kind in FORMATS for ending in kind.endings}
 READABLE = tuple(BY_ENDING)
 WRITABLE = tuple(ending for ending, kind in BY_ENDING.items() if kind.writer is not None)
