@@ -11,13 +11,17 @@ import numpy as np
 from ..arrays import Booleans, Indices
 from ..mesh.sampling import triangle_grid
 from ..surface.bounds import error_bounds, exceeding
-from .oscillation import MeshSurface
+from ..surface.representation import Representation
+from .oscillation import UNEVEN, MeshSurface, UnevenTriangles
 
 ROOM = 0.019
 """How far the surface may leave the box of its input, as a share of the longest side."""
 
 GRID = triangle_grid(12)
 """Where triangles with large errors are compared with the box."""
+
+RINGS = 3
+"""How far around uneven triangles a patch may swing out, in rings of triangles."""
 
 ROUNDS = 3
 
@@ -41,13 +45,30 @@ def kept_inside(surface: MeshSurface, *, bounded: bool = True) -> tuple[int, tup
     # only a large error leads far out of the box
     if bounds is not None and bounds[1] <= ROOM * surface.mesh.longest_side:
         return 0, bounds
-    reproduced = _let_through(surface)
+    reproduced = _let_through(surface, _around_uneven(surface.representation()))
     return reproduced, error_bounds(surface.representation()) if bounded and reproduced else bounds
 
 
-def _let_through(surface: MeshSurface) -> int:
+def _around_uneven(representation: Representation) -> Indices:
+    """Mesh triangles in the rings around uneven ones, in space or in a patch's domain, where a spike may be short.
+
+    Elsewhere a surface bulges, but does not swing out.
+    """
+    corners = representation.vertices[representation.triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    uneven = sides > UNEVEN * np.median(sides) if len(sides) else np.zeros(0, dtype=bool)
+    uneven[UnevenTriangles.of(representation).mesh_triangles] = True
+    triangles = np.flatnonzero(uneven)
+    for _ in range(RINGS):
+        near = np.zeros(len(representation.vertices), dtype=bool)
+        near[representation.triangles[triangles]] = True
+        triangles = np.flatnonzero(near[representation.triangles].any(axis=1))
+    return triangles
+
+
+def _let_through(surface: MeshSurface, asked: Indices) -> int:
     mesh = surface.mesh
-    reproduced, asked = np.zeros(len(mesh.vertices), dtype=bool), np.arange(len(mesh.triangles))
+    reproduced = np.zeros(len(mesh.vertices), dtype=bool)
     for _ in range(ROUNDS):
         outside = _outside(surface, asked)
         if not outside.any():

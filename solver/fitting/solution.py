@@ -89,7 +89,7 @@ def summed_histories(histories: list[Array]) -> Array:
     total = np.zeros(count)
     for history in histories:
         total[: len(history)] += history
-        total[len(history) :] += history[-1]
+        total[len(history) :] += history[-1:].sum()
     return total
 
 
