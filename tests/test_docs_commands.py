@@ -6,6 +6,8 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ pytestmark = pytest.mark.skipif(bpy_missing, reason="the command line needs bpy"
 PAGES = [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))]
 # In a block of code, or in code within a line; not with a placeholder such as `...`.
 PRINTED = re.compile(r"(?:^|`)(?:python -m|blender --command) (sparse_surface (?:(?!\.\.\.)[^`\n])+)", re.MULTILINE)
+SCHEDULER = "tcp://scheduler:8786"
 COMMANDS = sorted({words.strip() for page in PAGES for words in PRINTED.findall(page.read_text(encoding="utf-8"))})
 
 
@@ -67,9 +70,26 @@ def test_the_documents_have_commands() -> None:
     assert any("--heatmap" in command for command in COMMANDS)
 
 
+@contextmanager
+def cluster(command: str) -> Iterator[str]:
+    """The command with the address of a cluster that exists, if it names one."""
+    if SCHEDULER not in command:
+        yield command
+        return
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
+    ) as local:
+        yield command.replace(SCHEDULER, local.scheduler_address)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_does_what_it_says(files: Path, command: str) -> None:
-    words = shlex.split(command)
+    with cluster(command) as reachable:
+        run(files, shlex.split(reachable))
+
+
+def run(files: Path, words: list[str]) -> None:
     before = {path.name for path in files.iterdir()}
     done = subprocess.run(
         [sys.executable, "-m", *words], cwd=files, capture_output=True, text=True, timeout=300
