@@ -56,6 +56,6 @@ def assemble(
         energy=padded([fit.energy for fit in fits], (iterations,), np.nan),
         solver=settings.solver,
         # maps of flat sides have no axes of their own, by which they could be made again
-        initial="" if len(mesh.creases) else settings.initial_domain,
+        initial=settings.initial_domain,
         creases=mesh.creases,
     )

@@ -13,8 +13,11 @@ from ...mesh.triangle_mesh import build_mesh
 from ...patches.parameterisation import initial_domains
 from ...patches.patches import Patches
 
-DOUBTFUL = 4.0
-"""A frame is wrong if turning the domain within it divides the squared distance by more than this."""
+DOUBTFUL = 100.0
+"""A frame is wrong if turning and scaling the domain within it divides the squared distance by more than this."""
+
+UNMOVED = 1e-5
+"""Root mean square below which a domain differs from its map by rounding only, in units of the frame."""
 
 
 def initial_domains_of(surface: Any, method: str) -> Array:
@@ -53,21 +56,22 @@ def initial_domains_of(surface: Any, method: str) -> Array:
 def _in_frame(flat: Array, signals: Array, optimised: Array) -> Array:
     """Put an initial domain (m, 2) into the frame that it had when the patch was fitted.
 
-    Methods turn it to the signals' principal axes, or do not.  A patch that bends nowhere has none; it is then turned
-    as its optimised domain.
+    Methods turn it to the signals' principal axes, or do not.  A patch that bends nowhere has none, and its frame has
+    another unit; it is then turned and scaled as its optimised domain, which has not moved.
     """
     none = np.zeros((0, 3), dtype=np.int64)
     problem = Problem(flat, none, signals, none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0)
     found = [frame_of(problem, turn).put_in(flat) for turn in (True, False)]
     best = min(found, key=lambda domain: float(((domain - optimised) ** 2).sum()))
     laid = _laid_over(best, optimised)
-    return best if ((best - optimised) ** 2).sum() <= DOUBTFUL * ((laid - optimised) ** 2).sum() + 1e-9 else laid
+    moved, changed = (float(((domain - optimised) ** 2).mean()) for domain in (best, laid))
+    return laid if changed < UNMOVED**2 or moved > DOUBTFUL * changed else best
 
 
 def _laid_over(domain: Array, other: Array) -> Array:
-    """Turn and move a domain to where it is nearest to another."""
+    """Turn, scale and move a domain to where it is nearest to another, by least squares."""
     middle, there = domain.mean(axis=0), other.mean(axis=0)
-    one, two = domain - middle, other - there
-    angle = np.arctan2((one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]).sum(), (one * two).sum())
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    return one @ turn + there
+    (x, y), (u, v) = (domain - middle).T, (other - there).T
+    size = max(float(x @ x + y @ y), 1e-300)
+    real, imaginary = (x @ u + y @ v) / size, (x @ v - y @ u) / size
+    return np.stack([real * x - imaginary * y, imaginary * x + real * y], axis=1) + there
