@@ -8,7 +8,7 @@ from bpy.types import Context, Panel
 from ..solver.patch_methods import METHODS
 from .optional import draw_optional
 from .properties import CLOUD_NAMES, SOLVER_NAMES
-from .sidebar import SubPanel
+from .sidebar import SubPanel, draw_weights
 
 OF_JOBS = ("tolerance", "denoise", "denoise_strength", "noise_level")
 """Settings that the jobs show."""
@@ -82,11 +82,7 @@ class SPARSE_SURFACE_PT_output(UnderAdvanced, Panel):
     def draw(self, context: Context) -> None:
         settings = context.scene.sparse_surface
         column = self.column(context)
-        active = context.active_object
-        if active is not None and active.type == "MESH":
-            column.prop_search(settings, "vertex_group", active, "vertex_groups")
-        else:
-            column.prop(settings, "vertex_group")
+        draw_weights(column, context)
         column.separator()
         column.prop(settings, "replace_result")
         column.prop(settings, "source_shown")

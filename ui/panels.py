@@ -29,7 +29,7 @@ from ..operators.run.status import duration_text, in_words, remaining_text
 from ..operators.run.way_on import draw_way_on
 from .jobs import ITEMS
 from .optional import draw_optional
-from .sidebar import SidebarPanel, draw_lines, settle_if_changed
+from .sidebar import SidebarPanel, draw_lines, draw_weights, settle_if_changed
 
 
 class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
@@ -72,6 +72,8 @@ def draw_denoise(layout: UILayout, context: Context, settings: PropertyGroup) ->
     layout.separator(factor=0.5)
     layout.prop(settings, "denoise_strength")
     draw_optional(layout, settings, "noise_level")
+    draw_weights(layout, context)
+    layout.prop(settings, "creases")
     draw_solve(layout, context, "Denoise", "Denoise {} Meshes", "BRUSH_DATA")
 
 

@@ -198,7 +198,8 @@ class SparseSurfaceSettings(PropertyGroup):
     )
     vertex_group: StringProperty(
         name="Weights",
-        description="Vertex group whose weights say how much each vertex counts; vertices of weight 0 stay as they are",
+        description="Vertex group whose weights say how much each vertex counts, and how far denoising moves it; "
+        "vertices of weight 0 stay",
         default="",
     )
     replace_result: BoolProperty(

@@ -45,3 +45,12 @@ def draw_lines(layout: UILayout, text: str, icon: str) -> None:
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, 34)):
         column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1", translate=False)
+
+
+def draw_weights(layout: UILayout, context: Context) -> None:
+    """Let the user choose among the active object's vertex groups."""
+    settings, active = context.scene.sparse_surface, context.active_object
+    if active is not None and active.type == "MESH":
+        layout.prop_search(settings, "vertex_group", active, "vertex_groups")
+    else:
+        layout.prop(settings, "vertex_group")

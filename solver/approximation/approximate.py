@@ -14,6 +14,7 @@ from ..arrays import Array, Indices
 from ..fitting.chunks import PatchFit
 from ..mesh.input_checks import as_positions, checked_edges
 from ..mesh.objects import given_mesh
+from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
 from ..patches.patches import Patches
@@ -25,7 +26,7 @@ from ..surface.creases import crease_edges
 from ..surface.metrics import domain_jacobians, domain_stretch, faces_turned, flipped_triangles, strongest_patch
 from ..surface.representation import Representation
 from .containment import kept_inside
-from .crease_search import cut_along_creases, cut_along_marked
+from .crease_search import cut_along_creases
 from .denoised import MeshInput, remove_noise
 from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
@@ -73,7 +74,8 @@ def approximate(
     triangles
         A triangulation of the faces that is known already: corners (T, 3) and face numbers (T,).
     weights
-        Observation weight of each vertex in [0, 1], (V,); a vertex of weight 0 passes through unchanged.
+        Observation weight of each vertex in [0, 1], (V,); a vertex of weight 0 passes through unchanged.  Denoising
+        moves a vertex by that share.
     sharp_edges
         Edges that the mesh marks as sharp, pairs of vertices (n, 2): the creases where `Settings.creases` is "marked".
     executor

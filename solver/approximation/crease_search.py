@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans
 from ..mesh.potential_creases import PotentialCreases, alone_between_their_vertices, potential_creases
 from ..mesh.triangle_mesh import TriangleMesh, cut_along
 from ..patches.cover import build_cover
@@ -67,16 +67,6 @@ def cut_along_creases(
     seeds = potential.edges & (turn >= SEED_DEGREES) & (edge_stretch(representation, mesh) >= CREASE_STRETCH)
     creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds, seeds & (turn >= CREASE_DEGREES)))
     return (cut_along(mesh, creases) if creases.any() else mesh), False
-
-
-def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:
-    """Cut a mesh along marked edges, pairs of vertices (n, 2), those between two triangles."""
-    ends = np.sort(mesh.node_vertex[mesh.edges], axis=1)
-    width = np.int64(len(mesh.vertices))
-    low, high = np.sort(marked, axis=1).T
-    creases = np.isin(ends[:, 0] * width + ends[:, 1], low * width + high)
-    creases &= (mesh.edge_triangles[:, 1] >= 0) & alone_between_their_vertices(mesh)
-    return cut_along(mesh, creases) if creases.any() else mesh
 
 
 def _nodes_beside(mesh: TriangleMesh, edges: Booleans) -> Booleans:

@@ -64,7 +64,7 @@ class MeshInput:
 
 
 def remove_noise(given: MeshInput, settings: Settings) -> Steps[MeshInput]:
-    """Remove the noise; vertices of weight 0 stay where they are.
+    """Remove the noise; a vertex of weight w < 1 goes only the share w of its way.
 
     Nothing of the result is to be fitted, its weights are zero, where `settings.denoise` is "only", and where `FINISH`
     was sent.
@@ -76,15 +76,25 @@ def remove_noise(given: MeshInput, settings: Settings) -> Steps[MeshInput]:
         noise_level=settings.noise_level or None,
         strength=settings.denoise_strength,
         triangles=given.triangles,
+        sharp_edges=given.sharp_edges if settings.creases == "marked" else None,
     )
     denoised, hurry = yield from _heard(steps)
-    positions = denoised.vertices
     if weights is not None:
-        positions = np.where((weights == 0.0)[:, None], given.positions, positions)
+        denoised = _held_back(denoised, given.positions, np.minimum(weights, 1.0))
+    positions = denoised.vertices
     if settings.denoise == "only" or hurry:
         weights = np.zeros(len(positions))
     source = np.asarray(given.positions, dtype=np.float64)
     return replace(given, positions=positions, weights=weights, denoised=denoised, source=source)
+
+
+def _held_back(denoised: Denoised, given: NDArray[Any], share: Array) -> Denoised:
+    """Return the mesh with each vertex at that share, (V,), of its way; both ends to the last bit."""
+    between = (given + share[:, None] * (denoised.vertices - given)).astype(denoised.vertices.dtype)
+    between = np.where((share == 1.0)[:, None], denoised.vertices, np.where((share == 0.0)[:, None], given, between))
+    return replace(
+        denoised, vertices=between.astype(denoised.vertices.dtype), displacement=share * denoised.displacement
+    )
 
 
 def _heard(steps: Steps[Denoised]) -> Steps[tuple[Denoised, bool]]:

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Booleans, Indices
 from ..errors import InputError, SettingsError
-from ..mesh.input_checks import as_positions
+from ..mesh.input_checks import as_positions, checked_edges
 from ..mesh.normals import normals_and_areas, unit
 from ..mesh.objects import Given, given_mesh
+from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, run_to_end, within
@@ -101,6 +102,7 @@ def denoise(
     noise_level: float | None = None,
     strength: float = 1.0,
     triangles: tuple[Indices, Indices] | None = None,
+    sharp_edges: ArrayLike | None = None,
     report: Callable[[Progress], str | None] | None = None,
 ) -> Denoised:
     """Remove the noise of a mesh but preserve its creases.
@@ -124,6 +126,8 @@ def denoise(
         Multiplies the noise level, from 0 (nothing moves) to 10.
     triangles
         A known triangulation of the faces: corners (T, 3) and face numbers (T,).
+    sharp_edges
+        Pairs of vertex numbers, (n, 2), that no patch and no averaged normal reaches across.
     report
         Called with each `Progress`.
 
@@ -147,7 +151,13 @@ def denoise(
     True
     """
     given = given_mesh(vertices, faces)
-    steps = denoise_steps(given.vertices, given.faces, noise_level=noise_level, strength=strength, triangles=triangles)
+    steps = denoise_steps(
+        *(given.vertices, given.faces),
+        noise_level=noise_level,
+        strength=strength,
+        triangles=triangles,
+        sharp_edges=sharp_edges,
+    )
     return replace(run_to_end(steps, report), given=given)
 
 
@@ -158,16 +168,21 @@ def denoise_steps(
     noise_level: float | None = None,
     strength: float = 1.0,
     triangles: tuple[Indices, Indices] | None = None,
+    sharp_edges: ArrayLike | None = None,
 ) -> Steps[Denoised]:
     """`denoise` as a generator of `Progress`; closing it cancels, and after `FINISH` it fits fewer patches."""
     _check(noise_level, strength)
     given = as_positions(vertices)
-    return (yield from on_one_thread(_denoised(given, build_mesh(given, faces, triangles), noise_level, strength)))
+    mesh = build_mesh(given, faces, triangles)
+    marked = checked_edges(sharp_edges, len(mesh.vertices))
+    surface = build_surface(mesh, cut_along_marked(mesh, marked) if len(marked) else None)
+    return (yield from on_one_thread(_denoised(given, mesh, surface, noise_level, strength)))
 
 
-def _denoised(given: NDArray[Any], mesh: TriangleMesh, noise_level: float | None, strength: float) -> Steps[Denoised]:
+def _denoised(
+    given: NDArray[Any], mesh: TriangleMesh, surface: Surface, noise_level: float | None, strength: float
+) -> Steps[Denoised]:
     yield Progress("Estimating the noise", 0.0)
-    surface = build_surface(mesh)
     estimate = estimate_noise_level(mesh, surface)
     edge = mean_edge_length(mesh)
     least = (CLEAN if estimate.unevenness > EVEN else CLEAN / 3) * edge

@@ -35,16 +35,20 @@ class Surface:
     around: csr_array
 
 
-def build_surface(mesh: TriangleMesh) -> Surface:
-    """Return the triangles of `mesh` with their neighbours."""
+def build_surface(mesh: TriangleMesh, cut: TriangleMesh | None = None) -> Surface:
+    """Return the triangles of `mesh` with their neighbours.
+
+    If a copy of the mesh that is cut along edges is given, triangles on two sides of a cut are no neighbours.
+    """
+    whole, mesh = mesh, mesh if cut is None else cut
     triangles = mesh.triangles.copy()
     turned = mesh.winding < 0
     triangles[turned] = triangles[turned, ::-1]
     both = mesh.edge_triangles[mesh.triangle_edges]
     across = both.sum(axis=2) - np.arange(len(triangles))[:, None]
     neighbours = np.where((both[..., 1] < 0) | mesh.collapsed[:, None], -1, across)
-    border = np.zeros(len(mesh.vertices), dtype=bool)
-    border[mesh.node_vertex[mesh.border]] = True
+    border = np.zeros(len(whole.vertices), dtype=bool)
+    border[whole.node_vertex[whole.border]] = True
     return Surface(triangles, neighbours, border, _around(mesh, neighbours))
 
 

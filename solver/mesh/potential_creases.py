@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array, Booleans, Indices
 from .edges import connected_parts, edge_keys
 from .normals import angle_between, face_normals
-from .triangle_mesh import TriangleMesh
+from .triangle_mesh import TriangleMesh, cut_along
 
 LEAST_DIHEDRAL = 12.0
 """Edges that bend less, in degrees, are no creases."""
@@ -81,6 +81,16 @@ def dihedrals(mesh: TriangleMesh) -> Array:
     angles = np.zeros(len(mesh.edges))
     angles[known] = np.degrees(angle_between(one[known], other[known]))
     return angles
+
+
+def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:
+    """Cut a mesh along marked edges, pairs of vertices (n, 2), those between two triangles."""
+    ends = np.sort(mesh.node_vertex[mesh.edges], axis=1)
+    width = np.int64(len(mesh.vertices))
+    low, high = np.sort(marked, axis=1).T
+    creases = np.isin(ends[:, 0] * width + ends[:, 1], low * width + high)
+    creases &= (mesh.edge_triangles[:, 1] >= 0) & alone_between_their_vertices(mesh)
+    return cut_along(mesh, creases) if creases.any() else mesh
 
 
 def alone_between_their_vertices(mesh: TriangleMesh) -> Booleans:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from noisy import distance_from_clean, with_noise
+from noisy import distance_from_clean, face_normals, with_noise
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import FINISH, PRESETS, Progress, Representation, Settings, approximate, denoise
 from sparse_surface.solver.approximation.approximate import approximate_steps
@@ -173,3 +174,41 @@ def test_it_can_be_cancelled_at_any_step(cube) -> None:
     steps.close()
     with pytest.raises(StopIteration):
         next(steps)
+
+
+def test_a_vertex_goes_the_share_of_its_way_that_its_weight_says(cube, denoised) -> None:
+    vertices, faces, noisy = cube
+    share = np.random.default_rng(3).choice([0.0, 0.25, 1.0], len(vertices))
+    found = approximate(noisy, faces, ONLY, weights=share)
+    moved, whole = found.vertices - noisy.astype(float), denoised.vertices - noisy.astype(float)
+    np.testing.assert_array_equal(found.vertices[share == 0.0], noisy[share == 0.0])
+    np.testing.assert_array_equal(found.vertices[share == 1.0], denoised.vertices[share == 1.0])
+    np.testing.assert_allclose(moved, share[:, None] * whole, atol=1e-6)
+    largest = np.linalg.norm(moved, axis=1).max()
+    assert found.report["denoise"]["displacement"]["max"] == pytest.approx(largest, rel=1e-4)
+
+
+def roof(degrees: float, noise: float, seed: int):
+    """A ridge between two planes: clean and noisy vertices, triangles, and the ridge's edges."""
+    x, y = (part.ravel() for part in np.meshgrid(np.arange(-18.0, 18.0), np.arange(36.0), indexing="ij"))
+    number = np.arange(36 * 36).reshape(36, 36)
+    halves = [(number[:-1, :-1], number[1:, :-1], number[1:, 1:]), (number[:-1, :-1], number[1:, 1:], number[:-1, 1:])]
+    triangles = np.concatenate([np.stack(half, axis=-1).reshape(-1, 3) for half in halves])
+    clean = np.column_stack([x, y, -np.tan(np.radians(degrees / 2.0)) * np.abs(x)])
+    noisy = clean + [0.0, 0.0, 1.0] * np.random.default_rng(seed).normal(0.0, noise, (len(clean), 1))
+    return clean, noisy, triangles, np.column_stack([number[18, :-1], number[18, 1:]])
+
+
+@pytest.mark.parametrize("degrees", [10.0, 25.0])
+def test_marked_edges_stay_sharp(degrees: float) -> None:
+    """Noise hides a shallow ridge; the user knows where it is."""
+    clean, noisy, triangles, ridge = roof(degrees, 0.25, 5)
+    near = np.abs(clean[triangles][..., 0]).max(axis=1) <= 2.0
+    marked = replace(ONLY, creases="marked")
+    angles = []
+    for settings, edges in ((ONLY, None), (ONLY, ridge), (marked, ridge)):
+        found = approximate(noisy, triangles, settings, sharp_edges=edges).vertices
+        cosine = (face_normals(found, triangles) * face_normals(clean, triangles)).sum(axis=1)
+        angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))[near].mean())
+    assert angles[1] == angles[0]
+    assert angles[2] < 0.6 * angles[0]

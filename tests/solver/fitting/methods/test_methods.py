@@ -147,7 +147,7 @@ def test_sweeps_bring_the_blended_surface_nearer(name: str) -> None:
 
 
 ADD_A_METHOD = '''
-import sys, types
+import os, sys, types
 import numpy as np
 from sparse_surface.solver import patch_methods
 from sparse_surface.solver.patch_methods import PatchMethod
@@ -182,7 +182,8 @@ result = approximate(*sphere(12), settings)
 assert result.report["method"] == "quadratic" and result.representation.support.max() == 5
 assert 1e-6 < result.report["relative"]["surface_rms"] < 0.05, result.report["relative"]
 assert estimate(1000, settings).seconds < estimate(1000, Settings(method="traditional")).seconds
-print("added")
+print("added", flush=True)
+os._exit(0)  # bpy, which the command line loads, now and then waits for itself when it is unloaded
 '''
 
 
