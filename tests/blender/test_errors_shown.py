@@ -47,7 +47,7 @@ def test_points_become_small_bodies_in_their_colours(surface: bpy.types.Object):
     assert points.visible_get()
     assert len(points.data.vertices) == 400  # the points themselves, for scripts
     shaped = points.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    assert len(shaped.vertices) == 400 * 12
+    assert len(shaped.vertices) == 400 + 400 * 12  # the points, which carry the active colours, and the bodies' corners
     colours = scenes.values(shaped, "error_color", "color", 4).reshape(400, 12, 4)
     assert np.allclose(colours, colours[:, :1])
     assert np.allclose(colours[:, 0], scenes.values(points.data, "error_color", "color", 4), atol=1e-6)

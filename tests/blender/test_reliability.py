@@ -106,7 +106,7 @@ def test_switching_off_during_a_run_ends_it() -> None:
     try:
         addon_utils.disable(PACKAGE, default_set=True)
         assert session.current is None
-        assert child.poll() is not None
+        assert child.wait(30.0) is not None  # killed, but nobody waited for it
     finally:
         addon_utils.enable(PACKAGE, default_set=True)
     assert data_blocks() == blocks

@@ -129,7 +129,8 @@ def test_the_kernel_runs_in_threads_that_end_with_it(monkeypatch: pytest.MonkeyP
     with closing(approximate_steps(*mesh(), Settings(**SETTINGS, solver="native", workers=2))) as steps:
         if ending == "cancelled":
             assert any(step.stage == "Solving patches" and step.fraction > 0.1 for step in steps)
-            assert len(set(threading.enumerate()) - before) == 2
+            # an executor starts its second thread only if the first is busy
+            assert 1 <= len(set(threading.enumerate()) - before) <= 2
         else:
             answer = FINISH if ending == "finished early" else None
             assert np.isfinite(run_to_end(steps, lambda _: answer).vertices).all()
