@@ -48,11 +48,12 @@ def test_points_become_small_bodies_in_their_colours(surface: bpy.types.Object):
     assert len(points.data.vertices) == 400  # the points themselves, for scripts
     shaped = points.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert len(shaped.vertices) == 400 + 400 * 12  # the points, which carry the active colours, and the bodies' corners
-    colours = scenes.values(shaped, "error_color", "color", 4).reshape(400, 12, 4)
+    at = scenes.positions(points.data)
+    assert np.array_equal(scenes.positions(shaped)[:400], at)
+    colours = scenes.values(shaped, "error_color", "color", 4)[400:].reshape(400, 12, 4)
     assert np.allclose(colours, colours[:, :1])
     assert np.allclose(colours[:, 0], scenes.values(points.data, "error_color", "color", 4), atol=1e-6)
-    bodies = scenes.positions(shaped).reshape(400, 12, 3)
-    at = scenes.positions(points.data)
+    bodies = scenes.positions(shaped)[400:].reshape(400, 12, 3)
     assert np.allclose(bodies.mean(axis=1), at, atol=1e-5)
     apart = np.linalg.norm(at[:, None] - at[None], axis=2) + 10.0 * np.eye(400)
     assert np.linalg.norm(bodies[:, 0] - at, axis=1).max() < np.median(apart.min(axis=1))
