@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import bmesh
 import bpy
 import numpy as np
 from bpy.types import Object
 
-from ..data.attributes import put, read
+from ..data.attributes import read
 from ..data.result_keys import ERROR
 
 
@@ -16,10 +17,15 @@ def select_above(coloured: Object, tolerance: float) -> int:
         bpy.ops.object.mode_set(mode="OBJECT")
     mesh = coloured.data
     above = np.abs(read(mesh, ERROR)) > tolerance
-    # Edges and faces first: they would be selected again from vertices that were.
-    for elements in (mesh.edges, mesh.polygons):
-        put(elements, "select", np.zeros(len(elements)), np.bool_)
-    put(mesh.vertices, "select", above, np.bool_)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.context.tool_settings.mesh_select_mode = (True, False, False)
+    # Blender 5.0 crashes now and then when selections are written into a mesh that has been in Edit Mode before.
+    edited = bmesh.from_edit_mesh(mesh)
+    for elements in (edited.verts, edited.edges, edited.faces):
+        for element in elements:
+            element.select = False
+    for vertex, chosen in zip(edited.verts, above.tolist(), strict=True):
+        vertex.select = chosen
+    edited.select_flush_mode()
+    bmesh.update_edit_mesh(mesh)
     return int(above.sum())
