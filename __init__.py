@@ -6,20 +6,23 @@ it is an extension; `register` is where Blender begins.
 
 from __future__ import annotations
 
-# Both import inside of functions what needs Blender.
+from types import ModuleType
 
 
 def register() -> None:
     """Register the extension in Blender."""
-    from . import operators, ui
-
-    operators.register()
-    ui.register()
+    for part in _parts():
+        part.register()
 
 
 def unregister() -> None:
     """Remove the extension from Blender."""
+    for part in reversed(_parts()):
+        part.unregister()
+
+
+def _parts() -> tuple[ModuleType, ...]:
+    """What is registered, in order.  It is imported here because it needs Blender."""
     from . import operators, ui
 
-    ui.unregister()
-    operators.unregister()
+    return operators, ui

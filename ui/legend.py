@@ -9,7 +9,7 @@ import blf
 import bpy
 import gpu
 from bpy.app.translations import pgettext_iface as iface_
-from bpy.types import Context, Object, SpaceView3D
+from bpy.types import Context, Object
 from gpu_extras.batch import batch_for_shader
 
 from ..operators.data.lengths import unit_for
@@ -23,7 +23,7 @@ from ..operators.data.result_keys import (
     SHARES,
     has_heat_map,
 )
-from ..operators.data.viewports import sidebar_width
+from ..operators.data.viewports import Drawing, sidebar_width
 from ..operators.heat_map.shown import anywhere_shown, shows_colours
 
 BAR_WIDTH, BAR_HEIGHT, MARGIN, GAP, TEXT_SIZE = 18, 220, 24, 8, 12
@@ -245,9 +245,6 @@ def explained(context: Context) -> Object | None:
     return next((each for each in others if has_heat_map(each) and each.visible_get(viewport=context.space_data)), None)
 
 
-_handle: object | None = None
-
-
 def draw() -> None:
     """Draw the legend if this viewport shows the colours of errors or patches, and nothing else in their place."""
     context = bpy.context
@@ -336,16 +333,5 @@ def _draw_words(legend: Legend, interface: float) -> None:
         blf.draw(0, word.text)
 
 
-def register() -> None:
-    """Draw over every 3D viewport that shows a heat map."""
-    global _handle
-    if not bpy.app.background:
-        _handle = SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
-
-
-def unregister() -> None:
-    """Stop drawing."""
-    global _handle
-    if _handle is not None:
-        SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+_drawing = Drawing(draw, "POST_PIXEL")
+register, unregister = _drawing.start, _drawing.stop

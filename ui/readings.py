@@ -5,20 +5,18 @@ from __future__ import annotations
 import blf
 import bpy
 import gpu
-from bpy.types import Context, SpaceView3D
+from bpy.types import Context
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ..operators.data.lengths import length_text
-from ..operators.data.viewports import sidebar_width
+from ..operators.data.viewports import Drawing, sidebar_width
 from ..operators.heat_map.readings import Reading, readings
 from ..operators.heat_map.shown import shows_colours
 
 TEXT_SIZE, PAD, ARM, BESIDE = 13, 5, 6, 14
 """Of the words, the box around them, the arms of the cross at a vertex, and how far the words stand beside it."""
-
-_handle: object | None = None
 
 
 def words_of(reading: Reading, context: Context) -> str:
@@ -70,16 +68,5 @@ def _draw_reading(reading: Reading, context: Context, interface: float) -> None:
     blf.draw(0, text)
 
 
-def register() -> None:
-    """Draw over every 3D viewport that shows a heat map."""
-    global _handle
-    if not bpy.app.background:
-        _handle = SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
-
-
-def unregister() -> None:
-    """Stop drawing."""
-    global _handle
-    if _handle is not None:
-        SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+_drawing = Drawing(draw, "POST_PIXEL")
+register, unregister = _drawing.start, _drawing.stop

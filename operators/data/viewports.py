@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import bpy
 from bpy.types import Area, Context, Object, Region, SpaceView3D
@@ -23,6 +23,38 @@ def redraw_regions(context: Context, kind: str) -> None:
         for region in area.regions:
             if region.type == kind:
                 region.tag_redraw()
+
+
+class Drawing:
+    """A function that Blender calls whenever it has drawn a 3D viewport.
+
+    Parameters
+    ----------
+    draw
+        Draws over the viewport of `bpy.context`.
+    when
+        "POST_PIXEL" to draw in pixels, "POST_VIEW" to draw in the scene.
+    """
+
+    def __init__(self, draw: Callable[[], None], when: str) -> None:
+        self._draw, self._when = draw, when
+        self._handle: object | None = None
+
+    @property
+    def going_on(self) -> bool:
+        """Whether Blender calls the function."""
+        return self._handle is not None
+
+    def start(self) -> None:
+        """Begin, where there is a window."""
+        if self._handle is None and not bpy.app.background:
+            self._handle = SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", self._when)
+
+    def stop(self) -> None:
+        """End, if it was begun."""
+        if self._handle is not None:
+            SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+            self._handle = None
 
 
 def frame(objects: Sequence[Object], context: Context) -> None:

@@ -15,7 +15,7 @@ from bpy.types import Context, Object, RegionView3D, Space, SpaceView3D
 from numpy.typing import NDArray
 
 from ..data.objects import find_object
-from ..data.viewports import is_shown_in, redraw_regions
+from ..data.viewports import Drawing, is_shown_in, redraw_regions
 
 if TYPE_CHECKING:
     from ..data.meshes import Source
@@ -46,7 +46,6 @@ void main()
 _drawn: dict[int, Any] = {}
 """Triangles on the graphics card, by the session number of the object whose place in the world they share."""
 
-_handle: object | None = None
 _shader: Any = None
 
 
@@ -57,10 +56,8 @@ def show(
 
     It appears when Blender next redraws a viewport; this function does not ask for that.
     """
-    global _handle
     _drawn[source.session_uid] = _upload(source.lengths.to_local(positions), colours, triangles)
-    if _handle is None:
-        _handle = SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+    _drawing.start()
 
 
 def discard(session_uid: int) -> None:
@@ -71,11 +68,9 @@ def discard(session_uid: int) -> None:
 
 def clear() -> None:
     """Stop drawing."""
-    global _handle
     _drawn.clear()
-    if _handle is not None:
-        SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    if _drawing.going_on:
+        _drawing.stop()
         redraw_regions(bpy.context, "WINDOW")
 
 
@@ -91,6 +86,9 @@ def _draw() -> None:
     finally:
         gpu.state.depth_mask_set(False)
         gpu.state.depth_test_set("NONE")
+
+
+_drawing = Drawing(_draw, "POST_VIEW")
 
 
 def _draw_one(placed: Object, batch: Any, view: RegionView3D) -> None:

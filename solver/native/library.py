@@ -15,7 +15,6 @@ from typing import Any
 
 from ..patch_methods import METHODS
 from ..settings import Settings
-from .stamp import source_stamp
 
 EXTENSIONS = {"win32": "dll", "darwin": "dylib"}
 """Ends of the names of shared libraries; "so" elsewhere."""
@@ -75,6 +74,8 @@ def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
         library = ctypes.CDLL(str(path()))
     except OSError as error:
         return None, f"The compiled kernel cannot be loaded: {error}."
+    from .stamp import source_stamp  # the kernel is loaded to solve, this module whenever the add-on is enabled
+
     expected = source_stamp(Path(__file__).parent)
     if expected is not None and _stamp(library) != expected:
         return None, "The compiled kernel was built from other sources: run scripts/build_native.py again."

@@ -311,8 +311,7 @@ bpy.ops.sparse_surface.approximate.poll()
 new = {{name.partition(".")[0] for name in set(sys.modules) - before}}
 own = [name.partition("sparse_surface.")[2] for name in sys.modules if "sparse_surface." in name]
 heavy = [name for name in own if name.startswith("solver.") and name.count(".") > 1 or name == "solver.job"]
-# they take neither NumPy nor the compiled kernel
-light = {{"solver.native.library", "solver.native.stamp", "solver.distance.settings"}}
+light = {{"solver.native.library", "solver.distance.settings"}}  # they take neither NumPy nor the compiled kernel
 heavy = [name for name in heavy if name not in light]
 heavy += [name for name in own if hasattr(sys.modules["{scenes.EXTENSION}." + name], "np")]
 print("loaded", sorted(new & {{"scipy", "sklearn", "joblib", "threadpoolctl"}}), sorted(heavy))

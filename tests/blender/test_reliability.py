@@ -106,7 +106,7 @@ def test_switching_off_during_a_run_ends_it() -> None:
     try:
         addon_utils.disable(PACKAGE, default_set=True)
         assert session.current is None
-        assert child.wait(30.0) is not None  # killed, but nobody waited for it
+        assert child.wait(30.0) != 0  # killed, though it may take a moment to go
     finally:
         addon_utils.enable(PACKAGE, default_set=True)
     assert data_blocks() == blocks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import closing
@@ -13,8 +14,11 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import Approximation, Settings, approximate, approximate_steps
+from sparse_surface.solver.approximation import runner
 from sparse_surface.solver.approximation.runner import TASKS_AHEAD, ChunkRunner, chunk_runner
 from sparse_surface.solver.errors import WorkerError
+from sparse_surface.solver.fitting.chunks import ChunkTask, PatchFit
+from sparse_surface.solver.fitting.native_chunks import fit_chunk
 from sparse_surface.solver.native import library
 from sparse_surface.solver.processes.pool import WorkerExecutor, physical_cores
 from sparse_surface.solver.progress import FINISH, run_to_end
@@ -124,13 +128,17 @@ def test_the_kernel_runs_in_threads_that_end_with_it(monkeypatch: pytest.MonkeyP
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a process was started")
 
+    def fit_slowly(task: ChunkTask) -> list[PatchFit]:
+        time.sleep(0.1)  # an executor starts its second thread only while the first is busy
+        return fit_chunk(task)
+
     monkeypatch.setattr("subprocess.Popen", refuse)
+    monkeypatch.setattr(runner, "fit_chunk", fit_slowly)
     before = set(threading.enumerate())
     with closing(approximate_steps(*mesh(), Settings(**SETTINGS, solver="native", workers=2))) as steps:
         if ending == "cancelled":
             assert any(step.stage == "Solving patches" and step.fraction > 0.1 for step in steps)
-            # an executor starts its second thread only if the first is busy
-            assert 1 <= len(set(threading.enumerate()) - before) <= 2
+            assert len(set(threading.enumerate()) - before) == 2
         else:
             answer = FINISH if ending == "finished early" else None
             assert np.isfinite(run_to_end(steps, lambda _: answer).vertices).all()
@@ -159,9 +167,9 @@ def test_without_the_library_numpy_fits_the_patches(monkeypatch: pytest.MonkeyPa
     [(1, 10**6, 1), (0, 100, 1), (0, 10**6, physical_cores()), (3, 100, 3)],
 )
 def test_the_number_of_workers(asked: int, vertices: int, expected: int, solver: str) -> None:
-    with chunk_runner(Settings(solver=solver, workers=asked).resolved(), vertices) as runner:
-        assert runner.workers == expected
-        assert (runner.executor is None) == (expected == 1)
+    with chunk_runner(Settings(solver=solver, workers=asked).resolved(), vertices) as chosen:
+        assert chosen.workers == expected
+        assert (chosen.executor is None) == (expected == 1)
 
 
 class Slow(Executor):

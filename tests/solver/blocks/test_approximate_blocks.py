@@ -32,12 +32,6 @@ INSIDE = np.array([0.2, 0.3, 0.5])
 
 
 @pytest.fixture(scope="module")
-def terrain():
-    vertices, faces = models.creased_terrain(3000)
-    return vertices.astype(np.float32), faces
-
-
-@pytest.fixture(scope="module")
 def cut(terrain):
     """A terrain in four blocks."""
     return approximate_blocks(*terrain, Settings(**FAST), block_size=800)

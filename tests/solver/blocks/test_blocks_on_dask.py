@@ -10,9 +10,7 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import Settings, WorkerError, approximate_blocks
 from sparse_surface.solver.blocks import engines
 from sparse_surface.solver.progress import Progress
@@ -21,12 +19,6 @@ distributed = pytest.importorskip("distributed", reason="Dask is not installed")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 
 FAST = Settings(ring=4, degree=7, sparsity=8, iterations=3, workers=2)
-
-
-@pytest.fixture(scope="module")
-def terrain():
-    vertices, faces = models.creased_terrain(3000)
-    return vertices.astype(np.float32), faces
 
 
 @pytest.fixture(scope="module")
