@@ -19,7 +19,7 @@ from . import generated_models as models
 
 T = TypeVar("T")
 
-STAGES = ("cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "total")
+STAGES = ("creases", "cover", "domains", "solve", "sweeps", "refine", "blend", "measure", "total")
 
 
 @dataclass(frozen=True)
