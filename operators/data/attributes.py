@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from bpy.types import Mesh
+from bpy.types import Attribute, Mesh
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
@@ -52,6 +52,15 @@ OWN = {
 }
 """Data type and domain of each attribute that the add-on writes."""
 
+BUILT_IN = {
+    "position": ("vertices", "co", np.float32, 3),
+    ".edge_verts": ("edges", "vertices", np.int32, 2),
+    "sharp_edge": ("edges", "use_edge_sharp", np.bool_, 1),
+    ".corner_vert": ("loops", "vertex_index", np.int32, 1),
+    ".corner_edge": ("loops", "edge_index", np.int32, 1),
+}
+"""Collection, property, type and numbers an element of what Blender also offers as an attribute of this name."""
+
 OF_USER = "{} (source)"
 """What a user's layer is called whose name the add-on needs."""
 
@@ -61,6 +70,33 @@ def read(mesh: Mesh, name: str) -> Values:
     layer = mesh.attributes[name]
     kind = KINDS[layer.data_type]
     return fetch(layer.data, kind.value, kind.number, kind.width)
+
+
+def read_built_in(mesh: Mesh, name: str) -> Values:
+    """Return the values of an attribute of `BUILT_IN`, (n,) or (n, width), in Edit Mode too.
+
+    Blender copies an attribute as it lies in memory, and a property element by element: 204,160 edges take 0.04 ms
+    and 11 ms.  In Edit Mode there are no attributes, and no edge is marked as sharp without one.
+    """
+    elements, value, number, width = BUILT_IN[name]
+    collection = getattr(mesh, elements)
+    layer = _as_it_lies(mesh, name, len(collection))
+    return fetch(collection, value, number, width) if layer is None else read(mesh, name)
+
+
+def write_positions(mesh: Mesh, positions: Values) -> None:
+    """Move the vertices of a mesh to local positions (V, 3); the caller updates the mesh."""
+    layer = _as_it_lies(mesh, "position", len(mesh.vertices))
+    if layer is None:
+        put(mesh.vertices, "co", positions)
+    else:
+        put(layer.data, "vector", positions)
+
+
+def _as_it_lies(mesh: Mesh, name: str, count: int) -> Attribute | None:
+    """Return the attribute that holds a built-in value of so many elements, if Blender shows it."""
+    layer = mesh.attributes.get(name)
+    return layer if layer is not None and len(layer.data) == count else None
 
 
 def write(mesh: Mesh, values: Mapping[str, Values], kinds: Mapping[str, tuple[str, str]] = OWN) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...solver.errors import InputError
 from ...solver.interchange import MeshArrays
-from .attributes import fetch, put, read
+from .attributes import fetch, put, read_built_in, write_positions
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def read_mesh(
 
 def read_positions(mesh: Mesh) -> NDArray[np.float32]:
     """Return the local positions of a mesh's vertices, (V, 3)."""
-    return fetch(mesh.vertices, "co", np.float32, 3)
+    return read_built_in(mesh, "position")
 
 
 def to_world(placed: Object, local: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -145,13 +145,7 @@ def to_world(placed: Object, local: NDArray[np.floating[Any]]) -> NDArray[np.flo
 
 def read_polygons(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the vertex of each polygon corner, (C,), and each polygon's number of corners, (F,)."""
-    stored = mesh.attributes.get(".corner_vert")
-    # Blender copies an attribute as it lies in memory, in a hundredth of the time; in Edit Mode there is none.
-    if stored is not None and len(stored.data) == len(mesh.loops):
-        corners = read(mesh, ".corner_vert")
-    else:
-        corners = fetch(mesh.loops, "vertex_index", np.int32)
-    return corners, fetch(mesh.polygons, "loop_total", np.int32)
+    return read_built_in(mesh, ".corner_vert"), fetch(mesh.polygons, "loop_total", np.int32)
 
 
 def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:
@@ -175,20 +169,20 @@ def read_triangles(
 
 def read_edges(mesh: Mesh) -> NDArray[np.int64]:
     """Return the vertices of a mesh's edges, (E, 2)."""
-    return fetch(mesh.edges, "vertices", np.int32, 2).astype(np.int64)
+    return read_built_in(mesh, ".edge_verts").astype(np.int64)
 
 
 def loose_edges(mesh: Mesh) -> NDArray[np.int64]:
     """Return the vertices of the edges that belong to no face, (E, 2)."""
     free = np.ones(len(mesh.edges), dtype=bool)
-    free[fetch(mesh.loops, "edge_index", np.int32)] = False
+    free[read_built_in(mesh, ".corner_edge")] = False
     return read_edges(mesh)[free]
 
 
 def sharp_turns(mesh: Mesh, degrees: float) -> int:
     """Return at how many edges two faces meet whose normals differ by more than an angle."""
     sizes = read_polygons(mesh)[1]
-    edge = fetch(mesh.loops, "edge_index", np.int32)
+    edge = read_built_in(mesh, ".corner_edge")
     order = np.argsort(edge, kind="stable")
     normals = fetch(mesh.polygons, "normal", np.float32, 3)[np.repeat(np.arange(len(sizes)), sizes)[order]]
     beside = np.flatnonzero(edge[order][1:] == edge[order][:-1])
@@ -198,7 +192,7 @@ def sharp_turns(mesh: Mesh, degrees: float) -> int:
 
 def mark_sharp(mesh: Mesh, pairs: NDArray[np.integer[Any]]) -> None:
     """Mark the edges between pairs of vertices (E, 2) as sharp; pairs without an edge are ignored."""
-    sharp = fetch(mesh.edges, "use_edge_sharp", np.bool_)
+    sharp = read_built_in(mesh, "sharp_edge")
     sharp |= np.isin(_pair_keys(read_edges(mesh), len(mesh.vertices)), _pair_keys(pairs, len(mesh.vertices)))
     put(mesh.edges, "use_edge_sharp", sharp, np.bool_)
     mesh.update()
@@ -206,8 +200,10 @@ def mark_sharp(mesh: Mesh, pairs: NDArray[np.integer[Any]]) -> None:
 
 def _sharp_edges(mesh: Mesh) -> NDArray[np.int32] | None:
     """Vertices of the edges that are marked as sharp, (n, 2); None where none is."""
-    sharp = fetch(mesh.edges, "use_edge_sharp", np.bool_)
-    return fetch(mesh.edges, "vertices", np.int32, 2)[sharp] if sharp.any() else None
+    if "sharp_edge" not in mesh.attributes and not mesh.is_editmode:
+        return None  # Blender keeps the attribute only where an edge is or was marked
+    sharp = read_built_in(mesh, "sharp_edge")
+    return read_built_in(mesh, ".edge_verts")[sharp] if sharp.any() else None
 
 
 def _pair_keys(pairs: NDArray[np.integer[Any]], vertices: int) -> NDArray[np.int64]:
@@ -254,7 +250,7 @@ def create_mesh(
     """
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(positions))
-    put(mesh.vertices, "co", positions)
+    write_positions(mesh, positions)
     if loose_edges is not None and len(loose_edges):
         mesh.edges.add(len(loose_edges))
         put(mesh.edges, "vertices", loose_edges, np.int32)
@@ -274,5 +270,5 @@ def triangle_mesh(name: str, positions: NDArray[np.floating[Any]], triangles: ND
 
 def set_positions(mesh: Mesh, positions: NDArray[np.floating[Any]]) -> None:
     """Move the vertices of a mesh to local positions (V, 3)."""
-    put(mesh.vertices, "co", positions)
+    write_positions(mesh, positions)
     mesh.update()
