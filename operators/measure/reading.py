@@ -17,7 +17,7 @@ from ...solver.errors import FileFormatError, InputError
 from ...solver.mesh.triangulation import triangulate
 from ...solver.surface.representation import Representation
 from ...solver.surface.resampling import resample
-from ..data.meshes import read_polygons, read_triangles, to_world
+from ..data.meshes import read_polygons, read_positions, read_triangles, to_world
 from ..data.points import local_points
 from ..data.result_keys import cut_name
 from ..files.meshes import read_objects
@@ -93,7 +93,7 @@ def read_measurable(source: Object, depsgraph: Depsgraph) -> Measurable:
         evaluated = source.evaluated_get(depsgraph)
         mesh = evaluated.to_mesh()
         corners, sizes = read_polygons(mesh)
-        triangles = read_triangles(mesh, corners, sizes)[0].astype(np.int64)
+        triangles = read_triangles(mesh, read_positions(mesh), corners, sizes)[0].astype(np.int64)
         evaluated.to_mesh_clear()
     return Measurable(source.name, vertices, corners, sizes, triangles)
 

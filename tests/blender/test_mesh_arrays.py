@@ -72,6 +72,22 @@ def test_no_edge_is_sharp_unless_marked():
     assert read_mesh(sheet).sharp_edges is None
 
 
+def test_quads_are_cut_as_blender_cuts_them():
+    """Flat, bent, twisted, concave and folded ones, with triangles among them."""
+    random = np.random.default_rng(3)
+    points = random.normal(size=(4000, 3)) * [1.0, 1.0, 0.3]
+    faces = [random.choice(4000, random.integers(3, 5), replace=False).tolist() for _ in range(3000)]
+    mesh = bpy.data.meshes.new("Quads")
+    mesh.from_pydata(points, [], faces)
+    arrays = read_mesh(mesh)
+    mesh.calc_loop_triangles()
+    np.testing.assert_array_equal(arrays.triangles, [each.vertices[:] for each in mesh.loop_triangles])
+    np.testing.assert_array_equal(arrays.triangle_polygons, [each.polygon_index for each in mesh.loop_triangles])
+    first = {polygon: triangle for triangle, polygon in reversed(list(enumerate(arrays.triangle_polygons)))}
+    flipped = [arrays.triangles[first[k], 2] == face[3] for k, face in enumerate(faces) if len(face) == 4]
+    assert 0.2 < np.mean(flipped) < 0.8  # both ways occur
+
+
 def test_moved_vertices_turn_normals_and_boxes_with_them(mixed):
     mesh = mixed.data
     before = [polygon.normal.copy() for polygon in mesh.polygons]
