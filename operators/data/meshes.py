@@ -175,7 +175,7 @@ def _cut_quads(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Cut triangles and quads as Blender does.
 
-    A quad (0, 1, 2, 3) becomes (0, 1, 2) and (0, 2, 3), or (0, 1, 3) and (1, 2, 3) where the line from 0 to 2 leaves it.
+    A quad (0, 1, 2, 3) becomes (0, 1, 2) and (0, 2, 3), or (0, 1, 3) and (1, 2, 3) if the line from 0 to 2 leaves it.
     """
     starts = np.cumsum(sizes) - sizes
     first = starts - 2 * np.arange(len(sizes))  # a polygon has two triangles fewer than corners
