@@ -81,16 +81,21 @@ def ring_triangles(mesh: TriangleMesh, centres: Indices, ring: int) -> csr_array
 def held_nodes(mesh: TriangleMesh, members: csr_array) -> Booleans:
     """Return the nodes that some patch contains with all of their triangles, (N,)."""
     held = np.zeros(mesh.node_count, dtype=bool)
-    fan_sizes = np.diff(mesh.fan_offsets)
+    fan_sizes, nodes = np.diff(mesh.fan_offsets), _countable(mesh.incidence.T)
     for rows in row_chunks(members):
-        counts = _count(rows, mesh.incidence.T)
+        counts = _count(rows, nodes)
         held[counts.indices[counts.data == fan_sizes[counts.indices]]] = True
     return held
 
 
+def _countable(what: csr_array) -> csr_array:
+    """Return a boolean matrix as `_count` takes it: converted once, not for every chunk of rows."""
+    return csr_array(what, dtype=np.int32)
+
+
 def _count(members: csr_array, what: csr_array) -> csr_array:
     """Return how many triangles of each patch lie at each node or edge, of which `what` (T, n) tells."""
-    return csr_array(members.astype(np.int32) @ what.astype(np.int32))
+    return csr_array(members.astype(np.int32) @ what)
 
 
 def row_chunks(members: csr_array) -> list[csr_array]:
@@ -155,15 +160,17 @@ def _are_disks(mesh: TriangleMesh, limits: _Limits, members: csr_array) -> Boole
     Patches are connected, and around each node there is one fan.  So a boundary with two sides at each of its vertices
     makes a patch a surface with boundary, and of these only the disk has Euler characteristic 1.
     """
+    what = _countable(mesh.incidence.T), _countable(mesh.triangle_edge_incidence)
     return np.concatenate(
-        [np.zeros(0, dtype=bool), *(_are_disks_in_chunk(mesh, limits, m) for m in row_chunks(members))]
+        [np.zeros(0, dtype=bool), *(_are_disks_in_chunk(mesh, limits, m, *what) for m in row_chunks(members))]
     )
 
 
-def _are_disks_in_chunk(mesh: TriangleMesh, limits: _Limits, members: csr_array) -> Booleans:
+def _are_disks_in_chunk(
+    mesh: TriangleMesh, limits: _Limits, members: csr_array, of_nodes: csr_array, of_edges: csr_array
+) -> Booleans:
     count = members.shape[0]
-    vertices = _count(members, mesh.incidence.T)
-    edges = _count(members, mesh.triangle_edge_incidence)
+    vertices, edges = _count(members, of_nodes), _count(members, of_edges)
     row = np.repeat(np.arange(count), np.diff(edges.indptr))
     on_border = edges.data == 1
     border_row, border_edge = row[on_border], edges.indices[on_border]
