@@ -18,7 +18,7 @@ from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
 from ..surface.representation import Representation
-from .patched_surface import Observed, PatchedSurface
+from .patched_surface import Observing, PatchedSurface
 
 MeshSurface = PatchedSurface[MeshObservations]
 
@@ -68,15 +68,15 @@ def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshOb
 
 
 def with_lower_degrees(
-    surface: PatchedSurface[Observed],
+    surface: PatchedSurface[Observing],
     error: Callable[[Indices], Array],
     allowed: Array | float,
-    observe: Callable[[Booleans, Indices], Observed],
+    observe: Callable[[Booleans, Indices], Observing],
     asked: Booleans | None = None,
     *,
     lowest: int,
     rounds: int = 10,
-) -> Iterator[tuple[Booleans, Observed]]:
+) -> Iterator[tuple[Booleans, Observing]]:
     """Have patches refitted with lower and lower degrees until their error is allowed (see `refit_oscillating`).
 
     Of all its fits each patch keeps the one with the smallest error.
@@ -181,8 +181,7 @@ def _errors_observed(surface: MeshSurface) -> Array:
     largest = np.zeros(len(fits))
     offsets = offsets_of(np.array([len(fit.values) for fit in fits], dtype=np.int64))
     for first, end in runs_of_rows(offsets, OBSERVED_AT_ONCE):
-        blends = [observations.blend_of(patch) for patch in range(first, end)]
-        number, blending = (np.concatenate(own) for own in zip(*blends, strict=True))
+        number, blending = surface.blends(np.arange(first, end))
         away = np.concatenate([fit.values for fit in fits[first:end]]) - observations.points[number]
         error = np.linalg.norm(away, axis=1) * blending
         largest[first:end] = np.maximum.reduceat(error, offsets[first:end] - offsets[first])

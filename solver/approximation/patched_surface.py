@@ -8,10 +8,13 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, offsets_of
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
+from ..fitting.gathered import MeshTask, Remainder, Task, joined_values
 from ..fitting.methods.variable_projection import EARLY_MISFIT
 from ..mesh.triangle_mesh import TriangleMesh
+from ..native.library import reason_for_numpy
+from ..native.observations import Blend, Observed
 from ..patch_methods import METHODS
 from ..patches.blending import blending_weights, fitting_weights
 from ..patches.cover import build_cover
@@ -25,12 +28,15 @@ from ..surface.assembly import assemble
 from ..surface.representation import Representation
 from .preview import Preview
 from .runner import ChunkRunner
-from .sweeps import CHUNKS_A_COLOUR, against_remainder, colour_patches
+from .sweeps import ANTI_DRIFT, CHUNKS_A_COLOUR, against_remainder, colour_patches
 
-Observed = TypeVar("Observed", bound=Observations)
+Observing = TypeVar("Observing", bound=Observations)
+
+PATCHES_AT_ONCE = 64
+"""Patches whose values are blended together: more would not fit into the cache."""
 
 
-class PatchedSurface(Generic[Observed]):
+class PatchedSurface(Generic[Observing]):
     """K patches over a mesh: their domains, what they are fitted to, and their fits so far.
 
     Attributes
@@ -53,7 +59,7 @@ class PatchedSurface(Generic[Observed]):
         mesh: TriangleMesh,
         patches: Patches,
         domains: Array,
-        observe: Callable[[Patches, Array], Observed],
+        observe: Callable[[Patches, Array], Observing],
         settings: Settings,
         runner: ChunkRunner,
         blending: Array | None = None,
@@ -72,9 +78,11 @@ class PatchedSurface(Generic[Observed]):
         self.blending = blending_weights(mesh, patches, settings.blending) if blending is None else blending
         self.preview: Preview | None = None
         self._observe = observe
-        self._observations: Observed | None = None
+        self._observations: Observing | None = None
         self._fits: list[PatchFit | None] = [None] * len(patches)
+        self._native: tuple[Observing, Observed | None] | None = None
         self._blended: Array | None = None
+        self._order: Indices | None = None
         # the representation, where it is up to date, and the last one of these patches
         self._assembled: Representation | None = None
         self._earlier: Representation | None = None
@@ -83,10 +91,10 @@ class PatchedSurface(Generic[Observed]):
     def covering(
         cls,
         mesh: TriangleMesh,
-        observe: Callable[[Patches, Array], Observed],
+        observe: Callable[[Patches, Array], Observing],
         settings: Settings,
         runner: ChunkRunner,
-    ) -> PatchedSurface[Observed]:
+    ) -> PatchedSurface[Observing]:
         """Cover a mesh with patches of `settings.ring` and map them to the plane."""
         return cls(mesh, *with_domains(mesh, cover(mesh, settings.ring), settings), observe, settings, runner)
 
@@ -96,15 +104,15 @@ class PatchedSurface(Generic[Observed]):
         return [fit for fit in self._fits if fit is not None]
 
     @property
-    def observations(self) -> Observed:
+    def observations(self) -> Observing:
         """What the patches are fitted to; assign to it before fitting them to something else."""
         if self._observations is None:
             self._observations = self._observe(self.patches, self.blending)
         return self._observations
 
     @observations.setter
-    def observations(self, observations: Observed) -> None:
-        self._observations, self._blended = observations, None
+    def observations(self, observations: Observing) -> None:
+        self._observations, self._blended, self._order = observations, None, None
 
     def fit(self, *, hurry: bool = False) -> Steps[bool]:
         """Fit every patch by itself (eqs. 2-4).
@@ -117,13 +125,14 @@ class PatchedSurface(Generic[Observed]):
             Whether there is a hurry now.
         """
         count = len(self.patches)
-        self._fits, self._assembled = [None] * count, None
-        self._blended = self.observations.points.copy()
+        self._fits, self._assembled, self._blended = [None] * count, None, None
+        chunks = self._chunks(np.arange(count))
+        self._order = np.concatenate([np.zeros(0, dtype=np.int64), *chunks])
         hurried = replace(self.settings, iterations=0)
 
-        def tasks() -> Iterator[ChunkTask]:
-            for chunk in self._chunks(np.arange(count)):
-                yield chunk_task(self.observations, self.domains, hurried if hurry else self.settings, chunk)
+        def tasks() -> Iterator[Task]:
+            for chunk in chunks:
+                yield self._task(chunk, hurried if hurry else self.settings)
 
         shown = self._shown()
         request = yield Progress("Solving patches", 0.0, f"0 of {count} patches", shown)
@@ -133,15 +142,16 @@ class PatchedSurface(Generic[Observed]):
             done += fitted
             request = yield Progress("Solving patches", done / count, f"{done} of {count} patches", shown)
             hurry = hurry or request == FINISH
+        self._blended = None  # summed in another order where somebody looked
         return hurry
 
-    def refit(self, which: Indices, observations: Observed) -> Iterator[int]:
+    def refit(self, which: Indices, observations: Observing) -> Iterator[int]:
         """Fit some patches by themselves to other observations; yields how many each step has fitted."""
         self.observations = observations
-        tasks = (chunk_task(observations, self.domains, self.settings, chunk) for chunk in self._chunks(which))
+        tasks = (self._task(chunk, self.settings) for chunk in self._chunks(which))
         yield from self._fitted(tasks)
 
-    def refit_oscillating(self, test: OscillationTest[Observed]) -> Iterator[int]:
+    def refit_oscillating(self, test: OscillationTest[Observing]) -> Iterator[int]:
         """Refit patches that oscillate between their observations; yields how many each step has fitted.
 
         Parameters
@@ -164,7 +174,7 @@ class PatchedSurface(Generic[Observed]):
         """
         shown, done = self._shown(), 0
         for colour in colour_patches(self.patches):
-            swept = np.array([k for k in colour if not self._is_good_side(int(k))], dtype=np.int64)
+            swept = colour[~self._are_good_sides(colour)]
             done += len(colour) - len(swept)
             tasks = (self._sweep_task(chunk) for chunk in self._chunks(swept, CHUNKS_A_COLOUR) if len(chunk))
             for fitted in self._fitted(tasks, swept=True):
@@ -201,14 +211,14 @@ class PatchedSurface(Generic[Observed]):
         fits = self.fits
         self._change(self.patches.select(which), self.domains[kept], [fits[k] for k in which])
 
-    def observe(self, observations: Observed) -> None:
+    def observe(self, observations: Observing) -> None:
         """Change what is observed, and evaluate the fits there; the fits themselves stay."""
         self.restore(
             [replace(fit, values=self.values_at(k, observations.of_patch(k))) for k, fit in enumerate(self.fits)],
             observations,
         )
 
-    def restore(self, fits: list[PatchFit], observations: Observed) -> None:
+    def restore(self, fits: list[PatchFit], observations: Observing) -> None:
         """Take earlier fits of all patches, and the observations that they were fitted to."""
         self.observations = observations
         self._fits, self._assembled = list(fits), None
@@ -232,52 +242,113 @@ class PatchedSurface(Generic[Observed]):
     def blended(self) -> Array:
         """The blend of the patches at the observations, (O, 3): the data where patches are missing.
 
-        Patches change it in the order in which they are fitted.
+        It is summed in the order in which the patches were fitted together, before changes one by one.
         """
         if self._blended is None:
             self._blended = self.observations.points.copy()
-            for patch, fit in enumerate(self._fits):
-                if fit is not None:
-                    self._exchange(self._blended, patch, None, fit)
+            order = np.arange(len(self.patches)) if self._order is None else self._order
+            fitted = np.array([k for k in order if self._fits[k] is not None], dtype=np.int64)
+            for first in range(0, len(fitted), PATCHES_AT_ONCE):
+                own = fitted[first : first + PATCHES_AT_ONCE]
+                self._exchange(own, None, [fit for k in own if (fit := self._fits[k]) is not None])
         return self._blended
 
-    def _exchange(self, blended: Array, patch: int, before: PatchFit | None, after: PatchFit) -> None:
-        """Replace a patch's part of the blend; without an earlier fit that part is the data."""
-        number, blending = self.observations.blend_of(patch)
-        values = self.observations.points[number] if before is None else before.values
-        blended[number] += blending[:, None] * (after.values - values)
+    def blends(self, patches: Indices) -> tuple[Indices, Array]:
+        """Observations of some patches, one after the other, and the patches' blending weights there, (N,) both."""
+        if self._observed is not None:
+            return self._observed.blends(patches)[1:]
+        each = [self.observations.blend_of(int(patch)) for patch in patches]
+        number, blending = (np.concatenate(own) for own in zip(*each, strict=True))
+        return number, blending
+
+    @property
+    def _observed(self) -> Observed | None:
+        """What the compiled kernel gathers from; None where NumPy does it."""
+        if self._native is None or self._native[0] is not self.observations:
+            natively = reason_for_numpy(self.settings) is None and self.settings.channels == 1
+            self._native = self.observations, self.observations.natively(self.domains) if natively else None
+        return self._native[1]
+
+    def _exchange(self, patches: Indices, before: list[PatchFit] | None, after: list[PatchFit]) -> None:
+        """Replace the part that patches have in the blend; without earlier fits that part is the data."""
+        blended, points = self.blended, self.observations.points
+        if self._observed is not None:
+            earlier = None if before is None else joined_values(before)
+            Blend(points, blended).exchange(self._observed.blends(patches), earlier, joined_values(after))
+            return
+        for k, patch in enumerate(patches):
+            number, blending = self.observations.blend_of(int(patch))
+            values = points[number] if before is None else before[k].values
+            blended[number] += blending[:, None] * (after[k].values - values)
 
     def _chunks(self, which: Indices, pieces: int = 1) -> list[Indices]:
         return chunk_patches(self.observations, which, self.settings.channels, pieces)
 
-    def _fitted(self, tasks: Iterable[ChunkTask], swept: bool = False) -> Iterator[int]:
+    def _task(self, chunk: Indices, settings: Settings) -> Task:
+        """Some patches by themselves."""
+        if self._observed is None:
+            return chunk_task(self.observations, self.domains, settings, chunk)
+        return self._mesh_task(self._observed, chunk, settings)
+
+    def _mesh_task(
+        self, observed: Observed, chunk: Indices, settings: Settings, remainder: Remainder | None = None
+    ) -> MeshTask:
+        degrees = np.minimum(settings.degree, self.observations.allowed_degrees(chunk))
+        return MeshTask(chunk, observed, degrees, self.observations.ends_early[chunk], settings, remainder)
+
+    def _fitted(self, tasks: Iterable[Task], swept: bool = False) -> Iterator[int]:
         """Fit chunks and take their fits; yields how many each step has fitted."""
         for task, fits in self.runner.run(tasks):
-            for patch, fit in zip(map(int, task.patches), fits, strict=True):
-                before = self._fits[patch]
-                if self._blended is not None:
-                    self._exchange(self._blended, patch, before, fit)
-                self._fits[patch] = fit if before is None or not swept else _with_iterations_of(fit, before)
+            before = self._fits_of(task.patches)
+            if self._blended is not None:
+                self._exchange(task.patches, before or None, fits)
+            taken = fits if not before or not swept else map(_with_iterations_of, fits, before)
+            for patch, fit in zip(map(int, task.patches), taken, strict=True):
+                self._fits[patch] = fit
             self._assembled = None
             yield len(fits)
 
-    def _is_good_side(self, patch: int) -> bool:
-        """Whether a patch lies at a crease and fits so well that nothing is left to be made consistent."""
-        if not self.observations.ends_early[patch]:
-            return False
-        fit, own = self._fits[patch], self.observations.of_patch(patch)
-        assert fit is not None
-        weights = fitting_weights(own.blending, own.weights, self.settings.blending)
-        squares = ((fit.values - self.observations.points[own.number]) ** 2).sum(axis=1)
-        scale = max(frame.scale for frame in fit.frames)
-        return bool((weights * squares).sum() * scale**2 < EARLY_MISFIT**2 * weights.sum())
+    def _fits_of(self, patches: Indices) -> list[PatchFit]:
+        """The fits of some patches; an empty list where they have none yet."""
+        fits = [fit for k in patches if (fit := self._fits[k]) is not None]
+        assert len(fits) in (0, len(patches))
+        return fits
 
-    def _sweep_task(self, chunk: Indices) -> ChunkTask:
+    def _are_good_sides(self, patches: Indices) -> Booleans:
+        """Which patches lie at a crease and fit so well that nothing is left to be made consistent, (n,)."""
+        good = self.observations.ends_early[patches].copy()
+        early = np.flatnonzero(good)
+        for first in range(0, len(early), PATCHES_AT_ONCE):
+            own = early[first : first + PATCHES_AT_ONCE]
+            good[own] = self._misfits(patches[own]) < EARLY_MISFIT**2
+        return good
+
+    def _misfits(self, patches: Indices) -> Array:
+        """Weighted mean square of the patches' distances from the data, in their frames, (n,)."""
+        fits = self._fits_of(patches)
+        scale = np.array([max(frame.scale for frame in fit.frames) for fit in fits])
+        offsets = offsets_of(np.array([len(fit.values) for fit in fits], dtype=np.int64))[:-1]
+        if self._observed is not None:
+            given = self._observed.gather(patches, fitting=True)
+            points, weights = given.values, given.weights
+        else:
+            each = [self.observations.of_patch(int(patch)) for patch in patches]
+            own = [fitting_weights(one.blending, one.weights, self.settings.blending) for one in each]
+            points = self.observations.points[np.concatenate([one.number for one in each])]
+            weights = np.concatenate(own)
+        squares = weights * ((joined_values(fits) - points) ** 2).sum(axis=1)
+        total = np.add.reduceat(weights, offsets)
+        return np.add.reduceat(squares, offsets) * scale**2 / np.where(total > 0.0, total, 1.0)
+
+    def _sweep_task(self, chunk: Indices) -> Task:
         """Problems of some patches against what all the others leave, started from their fits."""
+        fits = self._fits_of(chunk)
+        if self._observed is not None:
+            remainder = Remainder(fits, Blend(self.observations.points, self.blended), ANTI_DRIFT)
+            return self._mesh_task(self._observed, chunk, self.settings, remainder)
         problems = []
-        for k in map(int, chunk):
-            fit, own = self._fits[k], self.observations.of_patch(k)
-            assert fit is not None
+        for k, fit in zip(map(int, chunk), fits, strict=True):
+            own = self.observations.of_patch(k)
             alone = problems_of(self.observations, own, self.domains, self.settings, k)
             left = self.observations.points[own.number] - self.blended[own.number]
             left += own.blending[:, None] * fit.values
@@ -289,6 +360,7 @@ class PatchedSurface(Generic[Observed]):
         self.patches, self.domains, self._fits = patches, domains, list(fits)
         self.blending = blending_weights(self.mesh, patches, self.settings.blending) if blending is None else blending
         self._observations = self._blended = self._assembled = self._earlier = None
+        self._native = self._order = None
 
     def _shown(self) -> Callable[[], Array] | None:
         if self.preview is None:
@@ -297,7 +369,7 @@ class PatchedSurface(Generic[Observed]):
         return lambda: preview.surface(self.blended, [fit is not None for fit in self._fits])
 
 
-OscillationTest = Callable[[PatchedSurface[Observed]], Iterator[tuple[Booleans, Observed]]]
+OscillationTest = Callable[[PatchedSurface[Observing]], Iterator[tuple[Booleans, Observing]]]
 """Finds the patches that oscillate between their observations, and what to fit them to (see `refit_oscillating`)."""
 
 

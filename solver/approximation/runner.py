@@ -8,7 +8,8 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ..fitting.chunks import ChunkTask, PatchFit
+from ..fitting.chunks import PatchFit
+from ..fitting.gathered import MeshTask, Task
 from ..fitting.native_chunks import fit_chunk
 from ..native.library import reason_for_numpy
 from ..processes.memory import peak_memory_mb
@@ -35,12 +36,15 @@ class ChunkRunner:
         Where chunks run; None: in this process.
     workers
         How many chunks run at once.
+    threads
+        Whether the executor's workers are threads of this process, which share its arrays.
     """
 
     executor: Executor | None = None
     workers: int = 1
+    threads: bool = False
 
-    def run(self, tasks: Iterable[ChunkTask]) -> Iterator[tuple[ChunkTask, list[PatchFit]]]:
+    def run(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, list[PatchFit]]]:
         """Fit chunks and yield them with their fits, in the order of the tasks whatever the order of completion.
 
         Tasks are made as late as possible.  Leaving the iteration early cancels those that have not started.
@@ -49,10 +53,11 @@ class ChunkRunner:
             for task in tasks:
                 yield task, fit_chunk(task)
             return
-        waiting: deque[tuple[ChunkTask, Future[list[PatchFit]]]] = deque()
+        waiting: deque[tuple[Task, Future[list[PatchFit]]]] = deque()
         try:
             for task in tasks:
-                waiting.append((task, self.executor.submit(fit_chunk, task)))
+                sent = task if self.threads or not isinstance(task, MeshTask) else task.in_full()
+                waiting.append((task, self.executor.submit(fit_chunk, sent)))
                 if len(waiting) >= TASKS_AHEAD * self.workers:
                     first, future = waiting.popleft()
                     yield first, future.result()
@@ -100,7 +105,7 @@ def chunk_runner(settings: Settings, vertices: int, executor: Executor | None = 
         else WorkerExecutor(count, preload="fitting.native_chunks")
     )
     try:
-        yield ChunkRunner(own, count)
+        yield ChunkRunner(own, count, threads)
     finally:
         # After complete work nothing waits any more; this ends only abandoned tasks.
         own.shutdown(cancel_futures=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import byref, c_int64, c_void_p
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -14,8 +15,9 @@ from ..arrays import Array, Indices, offsets_of
 from ..native.library import NativeSettings, function, reason_for_numpy
 from ..settings import Settings
 from . import chunks as by_numpy
-from .batch import Frame, Problem
+from .batch import Frame, Problem, WarmStart
 from .chunks import ChunkTask, PatchFit
+from .gathered import MeshTask, Task
 from .methods.variable_projection import rigidity_decay
 
 DONE, OUT_OF_MEMORY = 0, 1
@@ -43,13 +45,17 @@ class _Solved:
     history: Array | None
 
 
+def _width(settings: Settings, functions: int, observations: int) -> int:
+    """Places for functions: no more than there are observations, beyond which all functions depend on others."""
+    return min(settings.sparsity, functions, observations)
+
+
 def _sizes(problem: Problem, settings: Settings) -> tuple[int, ...]:
     """Vertices m, triangles t, observations N, signals D, degree, places for functions s, warm, ends early."""
     size, signals = problem.signals.shape
     observations, warm = len(problem.values), problem.warm
     functions = (problem.degree + 1) * (problem.degree + 2) // 2
-    # no more than there are observations, beyond which all functions depend on others
-    width = min(settings.sparsity, functions, observations) if warm is None else warm.support.shape[1]
+    width = _width(settings, functions, observations) if warm is None else warm.support.shape[1]
     counts = size, len(problem.triangles), observations, signals
     return *counts, problem.degree, width, warm is not None, problem.ends_early
 
@@ -65,7 +71,7 @@ def _as_frame(numbers: Array, signals: int) -> Frame:
     return Frame(numbers[:2].copy(), turn, numbers[6 : 6 + signals].copy(), float(numbers[9]))
 
 
-def fit_chunk(task: ChunkTask) -> list[PatchFit]:
+def fit_chunk(task: Task) -> list[PatchFit]:
     """Fit the patches of a chunk on this thread, by the compiled kernel or by NumPy.
 
     Raises
@@ -73,10 +79,12 @@ def fit_chunk(task: ChunkTask) -> list[PatchFit]:
     MemoryError
         When it does not suffice, with a sentence that says so.
     """
-    return fit_natively(task) if reason_for_numpy(task.settings) is None else by_numpy.fit_chunk(task)
+    if reason_for_numpy(task.settings) is None:
+        return fit_natively(task)
+    return by_numpy.fit_chunk(task.in_full() if isinstance(task, MeshTask) else task)
 
 
-def fit_natively(task: ChunkTask, instructions: str | None = None) -> list[PatchFit]:
+def fit_natively(task: Task, instructions: str | None = None) -> list[PatchFit]:
     """Fit the patches of a chunk on this thread; what a patch becomes depends on nothing else in the chunk.
 
     Raises
@@ -88,19 +96,26 @@ def fit_natively(task: ChunkTask, instructions: str | None = None) -> list[Patch
     """
     fit_problems = function("fit_problems", instructions)
     try:
-        prepared = Prepared.of(task.problems, task.settings)
-        status = fit_problems(prepared.address, c_int64(len(task.problems)), byref(native_settings(task.settings)))
+        prepared = Prepared.of_task(task)
+        count = len(prepared.solved)
+        status = fit_problems(prepared.address, c_int64(count), byref(native_settings(task.settings)))
     except MemoryError:
         status = OUT_OF_MEMORY
-    check(status, task.problems)
-    each = len(task.problems) // len(task.patches)
-    return [_patch_fit(prepared.solved[k : k + each]) for k in range(0, len(task.problems), each)]
+    check(status, _largest_size(task))
+    each = count // len(task.patches)
+    return [_patch_fit(prepared.solved[k : k + each]) for k in range(0, count, each)]
 
 
-def check(status: int, problems: list[Problem]) -> None:
-    """Raise what a status of the kernel means."""
+def _largest_size(task: Task) -> int:
+    """Vertices of the largest patch."""
+    if isinstance(task, MeshTask):
+        return int(task.observed.sizes(task.patches)[0].max())
+    return max(len(problem.domain) for problem in task.problems)
+
+
+def check(status: int, size: int) -> None:
+    """Raise what a status of the kernel means, for patches of up to `size` vertices."""
     if status == OUT_OF_MEMORY:
-        size = max(len(problem.domain) for problem in problems)
         raise MemoryError(
             f"There is not enough memory for a patch of {size} vertices; a smaller ring or a lower degree needs less."
         )
@@ -145,33 +160,64 @@ class Prepared:
         return c_void_p(self.natives.ctypes.data)
 
     @classmethod
+    def of_task(cls, task: Task) -> Prepared:
+        """Prepare the problems of a task."""
+        if isinstance(task, ChunkTask):
+            return cls.of(task.problems, task.settings)
+        given, warm, settings = task.gathered(), task.warm, task.settings
+        observations, functions = np.diff(given.blends.offsets), (task.degrees + 1) * (task.degrees + 2) // 2
+        width = np.minimum(np.minimum(observations, functions), settings.sparsity)
+        if task.remainder is not None:
+            width = np.array([fit.support.shape[1] for fit in task.remainder.fits])
+        counts = given.vertices, given.triangle_count, observations, np.full_like(width, 3), task.degrees, width
+        warm_started = np.full_like(width, task.remainder is not None)
+        sizes = np.stack([*counts, warm_started, task.ends_early], axis=1)
+        arrays = [np.ravel(own) for own in given[3:]]
+        return cls._of_arrays(sizes, np.zeros(len(sizes)), arrays, warm, settings)
+
+    @classmethod
     def of(cls, problems: list[Problem], settings: Settings) -> Prepared:
         """Prepare problems for a run with these resolved settings."""
         sizes = np.array([_sizes(problem, settings) for problem in problems], dtype=np.int64)
-        m, t, observations, signals, _, width, warm, _ = sizes.T
-        steps = np.where(warm, 0, max(settings.iterations, 1))
-        given = (
-            (2 * m, _together([problem.domain for problem in problems], np.float64)),
-            (3 * t, _together([problem.triangles for problem in problems], np.int64)),
-            (m * signals, _together([problem.signals for problem in problems], np.float64)),
-            (3 * observations, _together([problem.corners for problem in problems], np.int64)),
-            (3 * observations, _together([problem.shares for problem in problems], np.float64)),
-            (observations * signals, _together([problem.values for problem in problems], np.float64)),
-            (observations, _together([problem.weights for problem in problems], np.float64)),
-        )
+        noise = np.array([problem.noise for problem in problems])
+        arrays = [
+            _together([problem.domain for problem in problems], np.float64),
+            _together([problem.triangles for problem in problems], np.int64),
+            _together([problem.signals for problem in problems], np.float64),
+            _together([problem.corners for problem in problems], np.int64),
+            _together([problem.shares for problem in problems], np.float64),
+            _together([problem.values for problem in problems], np.float64),
+            _together([problem.weights for problem in problems], np.float64),
+        ]
+        return cls._of_arrays(sizes, noise, arrays, [problem.warm for problem in problems], settings)
+
+    @classmethod
+    def _of_arrays(
+        cls,
+        sizes: Indices,
+        noise: Array,
+        arrays: list[NDArray[Any]],
+        warm: Sequence[WarmStart | None],
+        settings: Settings,
+    ) -> Prepared:
+        """Lay out problems of these `_sizes`, (n, 8), whose arrays stand one after the other."""
+        m, t, observations, signals, _, width, warm_started, _ = sizes.T
+        steps = np.where(warm_started, 0, max(settings.iterations, 1))
+        own = (2 * m, 3 * t, m * signals, 3 * observations, 3 * observations, observations * signals, observations)
+        given = tuple(zip(own, arrays, strict=True))
         kept = steps * m * signals if settings.keep_iterations else 0 * m
         lengths = (0 * m + FRAME_SIZE, 2 * m, 2 * m, signals * width, signals * width, observations * signals)
         found = [(own, np.zeros(own.sum(), dtype=np.int64 if k == 3 else np.float64)) for k, own in enumerate(lengths)]
         found += [(own, np.zeros(own.sum())) for own in (steps, steps, kept)]
-        natives = np.empty((len(problems), COUNTS + 1 + len(given) + len(found)), dtype=np.int64)
+        natives = np.empty((len(sizes), COUNTS + 1 + len(given) + len(found)), dtype=np.int64)
         natives[:, :COUNTS] = sizes
-        natives.view(np.float64)[:, COUNTS] = [problem.noise for problem in problems]
+        natives.view(np.float64)[:, COUNTS] = noise
         for column, (own, array) in enumerate((*given, *found), COUNTS + 1):
             natives[:, column] = array.ctypes.data + array.itemsize * offsets_of(own)[:-1]
         natives[kept == 0, -1] = 0
         pieces = [[array[a:b] for a, b in pairwise(offsets_of(own).tolist())] for own, array in found]
-        solved = [_room(problem, *own) for problem, *own in zip(problems, *pieces, strict=True)]
-        return cls(natives, [array for _, array in given], solved)
+        each = zip(signals.tolist(), warm, *pieces, strict=True)
+        return cls(natives, arrays, [_room(*own) for own in each])
 
 
 def _together(arrays: list[NDArray[Any]], dtype: type[np.generic]) -> NDArray[Any]:
@@ -180,7 +226,8 @@ def _together(arrays: list[NDArray[Any]], dtype: type[np.generic]) -> NDArray[An
 
 
 def _room(
-    problem: Problem,
+    signals: int,
+    warm: WarmStart | None,
     frame: Array,
     start: Array,
     solved: Array,
@@ -192,7 +239,6 @@ def _room(
     history: Array,
 ) -> _Solved:
     """Shape the room for the solution of a problem; where it was solved before, with that solution to begin from."""
-    signals, warm = problem.signals.shape[1], problem.warm
     if warm is not None:
         frame[:] = _as_numbers(warm.frame)
         solved[:] = warm.domain.ravel()

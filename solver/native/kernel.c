@@ -10,6 +10,7 @@
 #include "placed.c"
 #include "variable_projection.c"
 #include "chunk.c"
+#include "observations.c"
 #include "examine.c"
 #include "representation.c"
 #include "taylor.c"

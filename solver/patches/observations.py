@@ -17,6 +17,7 @@ from ..arrays import Array, Booleans, Indices, has_masked
 from ..errors import InputError
 from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
+from ..native.observations import Inside, Observed
 from .patches import Patches
 
 ANY_DEGREE = 30
@@ -80,12 +81,10 @@ class PatchObservations:
     ends_early: bool = False
 
 
-def small_patch_degree(observations: int) -> int:
-    """Highest total degree, at most 7, of which there are at least two observations for each polynomial."""
-    degree = SMALL_PATCH_DEGREE
-    while degree > 0 and (degree + 1) * (degree + 2) > observations:
-        degree -= 1
-    return degree
+def small_patch_degrees(observations: Indices) -> Indices:
+    """Highest total degrees, at most 7, of which there are at least two observations for each polynomial, (K,)."""
+    degree = np.arange(SMALL_PATCH_DEGREE + 1)
+    return np.maximum(np.searchsorted((degree + 1) * (degree + 2), observations, side="right") - 1, 0)
 
 
 class Observations(Protocol):
@@ -120,6 +119,14 @@ class Observations(Protocol):
 
     def blend_of(self, patch: int) -> tuple[Indices, Array]:
         """`number` and `blending` of one patch's observations, which are asked for more often than the rest."""
+        ...
+
+    def allowed_degrees(self, patches: Indices) -> Indices:
+        """Highest total degrees of some patches' problems, (n,): no more than their observations allow."""
+        ...
+
+    def natively(self, domains: Array) -> Observed | None:
+        """What the compiled kernel gathers from, with initial domains (M, 2); None: `of_patch` says all."""
         ...
 
     def with_degrees(self, degrees: Indices) -> Self:
@@ -182,6 +189,9 @@ class MeshObservations:
         self.points = np.concatenate([nodes, corners.mean(axis=1), dense]) if inside else nodes
         self._first_centroid = len(nodes)
         self._inside = inside
+        observed = np.diff(patches.vertex_offsets) + len(SURFACE_SAMPLES) * np.diff(patches.triangle_offsets)
+        limited = self._small if inside else np.zeros(len(patches), dtype=bool)
+        self._highest = np.where(limited, small_patch_degrees(observed), ANY_DEGREE)
         self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
         self._first_dense[small] = len(nodes) + len(mesh.triangles) + 6 * np.arange(len(small))
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
@@ -199,6 +209,38 @@ class MeshObservations:
         other = copy(self)
         other.degrees = degrees
         return other
+
+    def allowed_degrees(self, patches: Indices | int) -> Indices:
+        """Highest total degrees of some patches' problems, (n,): no more than their observations allow."""
+        return np.minimum(self.degrees[patches], self._highest[patches])
+
+    def natively(self, domains: Array) -> Observed:
+        """What the compiled kernel gathers from, with initial domains (M, 2)."""
+        patches = self.patches
+        first = self._first_centroid + np.arange(len(self._first_dense)), self._first_dense
+        weights = CENTROID_WEIGHT, SMALL_PATCH_INSIDE_WEIGHT
+        samples = (CENTROID, SURFACE_SAMPLES) if self._inside else (CENTROID[:0], SURFACE_SAMPLES[:0])
+        inside = [
+            Inside(shares, weight / (len(shares) or 1), numbers)
+            for shares, weight, numbers in zip(samples, weights, first, strict=True)
+        ]
+        return Observed(
+            patches.vertex_offsets,
+            patches.vertices,
+            patches.nodes,
+            patches.triangle_offsets,
+            patches.triangles,
+            patches.mesh_triangles,
+            self.vertices,
+            self.points,
+            domains,
+            self.blending,
+            self._weights,
+            self._overlap,
+            self._dense,
+            (inside[0], inside[1]),
+            partition=self._overlap is None,
+        )
 
     def samples_of_patch(self, patch: int, triangles: Indices, samples: Array) -> tuple[PatchObservations, Array]:
         """Return places (q, 3) in some of a patch's triangles as observations, and where they are, (n q, 3)."""
@@ -223,7 +265,6 @@ class MeshObservations:
         faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
         triangles, mesh_triangles = self.patches.triangles[faces], self.patches.mesh_triangles[faces]
         count = vertices.stop - vertices.start
-        small = bool(self._small[patch])
         dense = bool(self._dense[patch])
         samples = SURFACE_SAMPLES if dense else CENTROID
         samples = samples if self._inside else samples[:0]
@@ -252,7 +293,7 @@ class MeshObservations:
             shares,
             own,
             blending,
-            min(int(self.degrees[patch]), small_patch_degree(len(own)) if small and self._inside else ANY_DEGREE),
+            int(self.allowed_degrees(patch)),
             ends_early=bool(self.ends_early[patch]),
         )
 

@@ -154,6 +154,13 @@ class CloudObservations:
         weights = self.cloud.weights[number]
         return PatchObservations(number, corners, shares, weights, blending, int(self.degrees[patch]), self.cloud.noise)
 
+    def allowed_degrees(self, patches: Indices) -> Indices:
+        """Highest total degrees of some patches' problems, (n,)."""
+        return self.degrees[patches]
+
+    def natively(self, domains: Array) -> None:
+        """The compiled kernel does not gather points over a base."""
+
     def blend_of(self, patch: int) -> tuple[Indices, Array]:
         """`number` and `blending` of one patch's observations."""
         own = self.of_patch(patch)
