@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -14,8 +15,10 @@ from ..operators.data.report_text import one_line
 from ..operators.data.results import create_result
 from ..operators.files.meshes import named, read_meshes
 from ..operators.representation.domain_maps import write_domain_maps
+from ..solver.approximation.parts import groups_of_parts, joined, taken_apart
 from ..solver.errors import InputError, SparseSurfaceError
 from ..solver.job import approximate_arrays
+from ..solver.mesh.input_checks import checked_faces, checked_vertices
 from ..solver.progress import run_to_end
 from .arguments import PROGRAM
 from .console import console
@@ -40,38 +43,85 @@ def run(options: argparse.Namespace) -> int:
     made: list[Made] = []
     solved: dict[Any, Any] = {}
     refused = 0
-    for source in sources:
+    waiting = _together(options, sources)
+    while waiting:
+        together = waiting.pop(0)
         try:
-            made.append(_approximated(options, source, solved))
+            made += _approximated(options, together, solved)
         except SparseSurfaceError as error:
             if len(sources) == 1:
                 raise
+            if len(together) > 1:  # one of them may be to blame
+                waiting[:0] = [[each] for each in together]
+                continue
             refused += 1
-            console.complain(f"{source.name}: {error}", PROGRAM)
+            console.complain(f"{together[0].name}: {error}", PROGRAM)
     if not made:
         raise InputError(f"None of the {len(sources)} meshes of '{options.input.name}' could be approximated.")
     write_outputs(options, made)
     return int(bool(refused and options.strict))
 
 
-def _approximated(options: argparse.Namespace, source: Object, solved: dict[Any, Any]) -> Made:
-    """Approximate an object; objects that share a mesh are solved once."""
-    read = mesh_data.read_object(source, bpy.context.evaluated_depsgraph_get())
-    key = _shared(source, read)
+def _together(options: argparse.Namespace, sources: Sequence[Object]) -> list[list[Object]]:
+    """Return the objects, those together that are parts of one surface: in one frame, with a border in common.
+
+    What would be refused stands alone, and so does each where domains are wanted as maps, which one surface has.
+    """
+    frames: dict[Any, list[tuple[int, Any]]] = {}
+    for number, source in enumerate(sources):
+        read = None if options.domain_maps else _sound(source)
+        frame = number if read is None else tuple(map(tuple, source.matrix_world))
+        frames.setdefault(frame, []).append((number, read))
+    groups: list[list[int]] = []
+    for inside in frames.values():
+        several = len(inside) > 1
+        found = groups_of_parts([read.arrays for _, read in inside], options.settings) if several else [[0]]
+        groups += [[inside[each][0] for each in group] for group in found]
+    return [[sources[number] for number in group] for group in sorted(groups)]
+
+
+def _sound(source: Object) -> mesh_data.Source | None:
+    """Read an object; None where it alone would be refused."""
+    try:
+        read = mesh_data.read_object(source, bpy.context.evaluated_depsgraph_get())
+        points = checked_vertices(read.arrays.vertices)
+        checked_faces(read.arrays.polygons(), len(points))
+    except InputError:
+        return None
+    return read
+
+
+def _approximated(options: argparse.Namespace, together: Sequence[Object], solved: dict[Any, Any]) -> list[Made]:
+    """Approximate an object, or the parts of one surface as one mesh; objects that share a mesh are solved once."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    reads = [mesh_data.read_object(source, graph) for source in together]
+    name, source, arrays = " + ".join(each.name for each in together), together[0], joined([r.arrays for r in reads])
+    key = _shared(source, reads[0]) if len(together) == 1 else name
     outcome = solved.get(key)
     if outcome is None:
-        with progress_display(source.name) as show:
-            outcome = run_to_end(approximate_arrays(read.arrays, options.settings), show)
+        with progress_display(name) as show:
+            outcome = run_to_end(approximate_arrays(arrays, options.settings), show)
     if source.data.users > 1:
         solved[key] = outcome
+    whole = len(together) == 1
+    parts = [(outcome, None)] if whole else taken_apart(outcome, [read.arrays for read in reads])
+    report = outcome.report if whole else _of_parts(outcome.report, together)
     scale = ColourScale(0.0, float(outcome.error.max(initial=0.0)))
-    result = create_result(bpy.context, read, outcome, scale)
-    if options.domain_maps:
-        write_domain_maps(result)
-    console.say(one_line(source.name, outcome.report), source.name)
-    console.detail(outcome.report)
-    kept = outcome.report, outcome.representation, options.resample
-    return Made(options.input, source, result, *kept, **asked_for(options))
+    console.say(one_line(name, report), name)
+    console.detail(report)
+    made = []
+    for each, read, (own, part) in zip(together, reads, parts, strict=True):
+        result = create_result(bpy.context, read, own, scale, whole=whole)
+        if options.domain_maps:
+            write_domain_maps(result)
+        kept = report, outcome.representation, options.resample
+        made.append(Made(options.input, each, result, *kept, **asked_for(options), part=part))
+    return made
+
+
+def _of_parts(report: dict[str, Any], together: Sequence[Object]) -> dict[str, Any]:
+    """Say in a report which objects its figures are about."""
+    return {**report, "input": {**report["input"], "parts": [each.name for each in together]}}
 
 
 def _shared(source: Object, read: mesh_data.Source) -> Any:

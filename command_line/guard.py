@@ -12,9 +12,11 @@ import os
 import signal
 import subprocess
 import sys
+import traceback
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from ..solver.atomic_files import remove_drafts, scratch_folder
 
@@ -68,8 +70,21 @@ class _Guard:
                 child.kill()
 
 
-def main(module: str, arguments: list[str]) -> int:
-    """Let a child run a module with these arguments; returns the exit code."""
+def main(module: str, arguments: list[str]) -> NoReturn:
+    """Let a child run a module with these arguments, and leave with its exit code.
+
+    Python's own way out gives signals back to the system before it ends: one that comes then would end the process by
+    itself, with another code and nothing said.
+    """
+    code = REFUSED
+    try:
+        code = _run(module, arguments)
+    except BaseException:  # a fault of this program: all of it is to be seen
+        traceback.print_exc()
+    os._exit(code)
+
+
+def _run(module: str, arguments: list[str]) -> int:
     guard = _Guard()
     _open_streams()
     folder = scratch_folder()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..operators.files.formats import WRITABLE, up_axis
+from ..operators.files.formats import ONLY_PLAIN, WRITABLE, missing_library, up_axis
 from ..solver.atomic_files import atomic_output
 from .console import console
 
@@ -28,6 +28,7 @@ class Made:
 
     `resolution` says into how many parts each edge is split before the result is written; None: it stays as it is.
     `measured` are distances between `result` and `source`.  `shown` is what pictures show of the result, if not itself.
+    `part` says where the result is in a surface that it shares with others (`approximation.parts`).
     `error_colours` says which colours a mesh file has (`formats.ERROR_COLOURS`), `quality` and
     `vertex_order` what is kept of the representation (`formats.QUALITIES`, `formats.ORDERS`).
     """
@@ -44,6 +45,7 @@ class Made:
     error_colours: str = "replace"
     quality: str = "exact"
     vertex_order: str = "keep"
+    part: Any = None
 
 
 def asked_for(options: argparse.Namespace) -> dict[str, Any]:
@@ -69,6 +71,8 @@ class Output:
         File endings that can be written; empty: any.
     one_each
         Whether each of several results gets a file of its own, with the object's name in the file's.
+    whole
+        Whether the file is about a surface, whatever number of objects are its parts: the name is the first one's.
     """
 
     flags: tuple[str, ...]
@@ -77,6 +81,7 @@ class Output:
     write: Callable[[Path, Sequence[Made]], None]
     endings: tuple[str, ...] = ()
     one_each: bool = False
+    whole: bool = False
 
     @property
     def name(self) -> str:
@@ -103,6 +108,8 @@ class Output:
         if self.endings and path.suffix.lower() not in self.endings:
             one_of = "one of " * (len(self.endings) > 1) + " ".join(self.endings)
             raise argparse.ArgumentTypeError(f"the file's ending must be {one_of}, not '{path.suffix}'")
+        if path.suffix.lower() in ONLY_PLAIN and (missing := missing_library(path)):
+            raise argparse.ArgumentTypeError(missing.rstrip("."))
         return path
 
 
@@ -144,15 +151,29 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     """Write the results, or finer ones evaluated from their representations."""
     import bpy
 
-    from ..operators.files.meshes import named_like, write_meshes
-    from ..operators.representation.resampled import resample_object
+    from ..operators.files.meshes import write_meshes
+    from ..operators.representation.resampled import resample_object, resample_parts
 
-    fine = [resample_object(bpy.context, each.result, each.resolution) for each in made if each.resolution]
+    fine = []
+    for together in _surfaces(made):
+        splits = together[0].resolution
+        if splits and together[0].part is not None:
+            results, parts = [each.result for each in together], [each.part for each in together]
+            fine += resample_parts(bpy.context, results, parts, together[0].representation, splits)
+        elif splits:
+            fine += [resample_object(bpy.context, each.result, splits) for each in together]
     written = fine or [each.result for each in made]
     # A scene holds both; what distances were measured to is no source.
     models = [each.source for each in made if each.measured is None and path.suffix != ".blend"]
-    with named_like(written, models):
-        write_meshes(path, written, made[0].error_colours)
+    write_meshes(path, written, made[0].error_colours, models)
+
+
+def _surfaces(made: Sequence[Made]) -> list[list[Made]]:
+    """Return the results in order, parts of one surface together."""
+    found: dict[int, list[Made]] = {}
+    for each in made:
+        found.setdefault(id(each if each.part is None else each.representation), []).append(each)
+    return list(found.values())
 
 
 def _write_report(path: Path, made: Sequence[Made]) -> None:
@@ -230,6 +251,7 @@ OUTPUTS = (
         "file for the functions, to evaluate later",
         _write_representation,
         one_each=True,
+        whole=True,
     ),
     HEAT_MAP,
 )
@@ -255,10 +277,11 @@ def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Se
     for output in OUTPUTS if outputs is None else outputs:
         path = getattr(options, output.name)
         if path is not None:
-            if not output.one_each or len(made) == 1:
-                output.write(path, made)
+            wanted = [together[0] for together in _surfaces(made)] if output.whole else made
+            if not output.one_each or len(wanted) == 1:
+                output.write(path, wanted)
             else:
-                for each, own in zip(made, _own_paths(path, made), strict=True):
+                for each, own in zip(wanted, _own_paths(path, wanted), strict=True):
                     output.write(own, [each])
     console.figures(_figures(made))
 

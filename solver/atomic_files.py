@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import filecmp
+import glob
 import os
 import secrets
 import shutil
@@ -35,12 +36,12 @@ def remove_drafts(folder: Path) -> None:
     """Remove the drafts that a process has noted in a folder, and the folder."""
     for note in folder.glob("*.draft"):
         with contextlib.suppress(OSError):
-            shutil.rmtree(note.read_text(encoding="utf-8"), ignore_errors=True)
+            _remove(Path(note.read_text(encoding="utf-8")))
     shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager
-def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
+def atomic_output(path: Path, *, silent_writer: bool = False, beside: bool = False) -> Iterator[Path]:
     """Yield a path to write to; when the block ends well, the file moves to `path`, and when it fails nothing remains.
 
     The draft has the same file name in a temporary folder beside `path`, because exporters write further files
@@ -51,6 +52,9 @@ def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
     ----------
     silent_writer
         Whether what writes may cut a file short on a full disk without an error, as Blender's exporters do.
+    beside
+        Whether the draft itself, under another name, is to lie in the folder of `path`: in a file that names others
+        by where they are from it.
 
     Raises
     ------
@@ -60,7 +64,9 @@ def atomic_output(path: Path, *, silent_writer: bool = False) -> Iterator[Path]:
     goal = Path(os.path.realpath(path))
     special = goal.exists() and not goal.is_file()
     with _draft_folder(Path(tempfile.gettempdir()) if special else goal.parent, path.stem) as folder:
-        yield folder / path.name
+        yield folder.with_name(folder.name + path.suffix) if beside else folder / path.name
+        if beside and (draft := folder.with_name(folder.name + path.suffix)).is_file():
+            draft.replace(folder / path.name)
         if not (folder / path.name).is_file():
             raise OSError(f"'{path}' was not written")
         if silent_writer:
@@ -104,9 +110,17 @@ def _draft_folder(beside: Path, stem: str) -> Iterator[Path]:
         folder.mkdir(mode=0o700)
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        _remove(folder)
         for note in notes:
             note.unlink(missing_ok=True)
+
+
+def _remove(folder: Path) -> None:
+    """Remove the folder of a draft, and the files beside it whose names begin with its own."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for file in folder.parent.glob(f"{glob.escape(folder.name)}.*"):
+        with contextlib.suppress(OSError):
+            file.unlink()
 
 
 def _replace(product: Path, place: Path) -> None:

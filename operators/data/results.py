@@ -52,10 +52,12 @@ def create_result(
     *,
     role: str = RESULT,
     replace: bool = False,
+    whole: bool = True,
 ) -> Object:
     """Make the result object: a copy of the source's mesh with moved vertices, attributes and report.
 
-    With `replace`, what the same source had in this `role` before gets the new mesh instead.
+    With `replace`, what the same source had in this `role` before gets the new mesh instead.  Where the source is not
+    the `whole` of what was approximated, the object holds no representation.
 
     Raises
     ------
@@ -69,7 +71,7 @@ def create_result(
     _rename_groups(made)
     if result.history is not None:
         add_iteration_keys(made, np.stack([source.lengths.to_local(points) for points in result.history]))
-    _put(made, source, result, scale)
+    _put(made, source, result, scale, whole)
     if result.creases is not None:
         mark_sharp(mesh, result.creases)
     return made
@@ -175,12 +177,19 @@ def _copy_mesh(made_from: Object, evaluated: bool, context: Context) -> Mesh:
     return mesh
 
 
-def _put(made: Object, source: Source | CloudSource, surface: Approximation | CloudOutcome, scale: ColourScale) -> None:
+def _put(
+    made: Object,
+    source: Source | CloudSource,
+    surface: Approximation | CloudOutcome,
+    scale: ColourScale,
+    whole: bool = True,
+) -> None:
     """Write attributes, report, representation and colour scale of a surface."""
     write_error(made, surface.error, scale)
     attributes.write(made.data, {PATCH: surface.patch, DOMAIN_STRETCH: surface.domain_stretch})
     made[REPORT] = json.loads(json.dumps(surface.report))  # plain values only, as Blender stores them
-    _store_representation(made, surface.representation.compact, source.lengths.stretch)
+    if whole:
+        _store_representation(made, surface.representation.compact, source.lengths.stretch)
 
 
 def _store_representation(made: Object, stored: bytes, stretch: NDArray[np.float64] | None) -> None:

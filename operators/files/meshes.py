@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from .colours import colours_chosen
 from .formats import BY_ENDING, ONLY_PLAIN, READABLE, WRITABLE, Format
 from .plain import PlainMesh, read_plain, write_plain
 from .shifted import give_back_shift
+from .stand_ins import placing, standing_in
 
 
 def read_meshes(path: Path) -> list[Object]:
@@ -41,7 +42,7 @@ def read_objects(path: Path, kinds: Sequence[str], wanted: str) -> list[Object]:
     if not path.is_file():
         raise InputError(f"There is no file '{path}'.")
     if path.suffix.lower() in ONLY_PLAIN and "MESH" in kinds:
-        return [_plain_object(path)]
+        return [_plain_object(path, points="POINTCLOUD" in kinds)]
     kind = BY_ENDING.get(path.suffix.lower())
     if kind is None:
         raise FileFormatError(f"'{path.name}' is not a kind of file that can be read ({', '.join(READABLE)}).")
@@ -73,35 +74,17 @@ def named(objects: Sequence[Object], name: str | None) -> list[Object]:
     return found
 
 
-@contextlib.contextmanager
-def named_like(objects: Sequence[Object], models: Sequence[Object]) -> Iterator[None]:
-    """Let objects and their meshes have the names of others for a while, if each has another of its own."""
-    if len(objects) != len(models) or len({*objects, *models}) != 2 * len(objects):
-        yield
-        return
-    pairs = list(zip(objects, models, strict=True))
-    before = [(each, each.name, each.data, each.data.name) for pair in pairs for each in pair]
-    wanted = [(model.name, model.data.name) for model in models]
-    for model, (name, _) in zip(models, wanted, strict=True):
-        model.name = model.data.name = f"{name} source"  # some formats write a parent although it is not selected
-    for each, (name, mesh) in zip(objects, wanted, strict=True):
-        each.name, each.data.name = name, mesh
-    try:
-        yield
-    finally:
-        for each in objects:
-            each.name = each.data.name = "written"
-        for each, name, mesh, mesh_name in reversed(before):
-            each.name, mesh.name = name, mesh_name
-
-
-def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "replace") -> None:
+def write_meshes(
+    path: Path, objects: Sequence[Object], error_colours: str = "replace", models: Sequence[Object] = ()
+) -> None:
     """Write these objects, or for a .blend file everything, into a file; it appears when it is complete.
 
     Parameters
     ----------
     error_colours
         One of `ERROR_COLOURS`.
+    models
+        Objects whose names and places in the hierarchy these have in the file, if each has one.
 
     Raises
     ------
@@ -117,9 +100,11 @@ def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "re
     if kind is None or kind.writer is None:
         raise FileFormatError(f"'{path.name}' is not a kind of file that can be written ({', '.join(WRITABLE)}).")
     bpy.context.view_layer.update()
+    chosen = {*objects, *(placing(objects) if kind.parents else ())}
     for other in bpy.context.view_layer.objects:
-        other.select_set(other in objects)
-    with atomic_output(path, silent_writer=True) as draft, colours_chosen(objects, error_colours, kind):
+        other.select_set(other in chosen)
+    drafted = atomic_output(path, silent_writer=True, beside=kind.beside)
+    with standing_in(objects, models), drafted as draft, colours_chosen(objects, error_colours, kind):
         try:
             with _quiet():
                 _operator(kind, (kind.writer,))(filepath=str(draft), **kind.writing)
@@ -130,8 +115,8 @@ def write_meshes(path: Path, objects: Sequence[Object], error_colours: str = "re
             give_back_shift(draft, path.suffix.lower(), shift)
 
 
-def _plain_object(path: Path) -> Object:
-    found = read_plain(path)
+def _plain_object(path: Path, points: bool) -> Object:
+    found = read_plain(path, points=points)
     bpy.ops.wm.read_homefile(use_empty=True)
     made = bpy.data.objects.new(path.stem, create_mesh(path.stem, found.vertices, found.corners, found.sizes))
     bpy.context.scene.collection.objects.link(made)

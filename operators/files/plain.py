@@ -1,11 +1,10 @@
-"""Meshes read and written without Blender: arrays in .npz, and what meshio (an optional package) reads."""
+"""Meshes read and written without Blender: arrays in .npz, and what optional packages read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ from numpy.typing import NDArray
 
 from ...solver.atomic_files import atomic_output
 from ...solver.errors import FileFormatError, InputError
-from .formats import PLAIN
+from ...solver.mesh.objects import given_mesh
+from .formats import PLAIN, missing_library
 
 ARRAYS = ".npz"
-NO_MESHIO = "'{}' is read and written with {}meshio, which is not installed (pip install meshio)."
 
 _FACES = {"triangle": 3, "quad": 4, "polygon": 0}
 
@@ -36,8 +35,8 @@ class PlainMesh:
         return np.split(self.corners, np.cumsum(self.sizes)[:-1]) if len(self.sizes) else []
 
 
-def read_plain(path: Path) -> PlainMesh:
-    """Read a file.
+def read_plain(path: Path, *, points: bool = False) -> PlainMesh:
+    """Read a file; with `points` it need not hold faces.
 
     Raises
     ------
@@ -49,12 +48,12 @@ def read_plain(path: Path) -> PlainMesh:
     if not path.is_file():
         raise InputError(f"There is no file '{path}'.")
     try:
-        found = _read_arrays(path) if path.suffix.lower() == ARRAYS else _read_by_meshio(path)
+        found = _read_arrays(path) if path.suffix.lower() == ARRAYS else _read_by_library(path)
     except FileFormatError:
         raise
     except Exception as error:  # whatever the reader stumbles over in a file that is not what its name says
         raise FileFormatError(f"'{path.name}' cannot be read: {_first_line(error)}.") from error
-    if not len(found.sizes):
+    if not len(found.sizes) and not (points and len(found.vertices)):
         raise InputError(f"'{path.name}' holds no mesh with faces.")
     return found
 
@@ -74,11 +73,13 @@ def write_plain(path: Path, mesh: PlainMesh) -> None:
             own: dict[str, Any] = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
             np.savez_compressed(file, **own, **mesh.values)
         return
-    meshio, format_module = _format(path)
+    library = _library(path)
     with atomic_output(path) as draft:
         try:
-            format_module.write(draft, _for_meshio(meshio, mesh, path.suffix.lower()))
-        except (meshio.WriteError, ValueError, KeyError) as error:
+            _WRITERS[library.__name__](library, draft, mesh)
+        except OSError:
+            raise
+        except Exception as error:  # these libraries raise anything
             raise FileFormatError(f"'{path.name}' cannot be written: {_first_line(error)}.") from error
 
 
@@ -93,18 +94,58 @@ def _read_arrays(path: Path) -> PlainMesh:
         return PlainMesh(stored["vertices"], corners, sizes)
 
 
-def _read_by_meshio(path: Path) -> PlainMesh:
-    _, format_module = _format(path)
-    found = format_module.read(path)
+def _read_by_library(path: Path) -> PlainMesh:
+    library = _library(path)
+    return _READERS[library.__name__](library, path)
+
+
+def _read_by_meshio(_: Any, path: Path) -> PlainMesh:
+    found = _meshio_format(path).read(path)
     blocks = [block for block in found.cells if block.type in _FACES and len(block.data)]
     rows = [np.asarray(row) for block in blocks for row in block.data]
     points = np.asarray(found.points, dtype=np.float64)
     if points.shape[1] == 2:  # flat meshes
         points = np.column_stack([points, np.zeros(len(points))])
+    return _of_rows(points, rows, {name: np.asarray(array) for name, array in found.point_data.items()})
+
+
+def _read_by_trimesh(trimesh: Any, path: Path) -> PlainMesh:
+    """Read all meshes of a scene, where they stand, as one."""
+    scene = trimesh.load_scene(path, process=False)
+    meshes = [each for each in scene.dump() if len(getattr(each, "faces", ()))]
+    starts = np.cumsum([0, *(len(each.vertices) for each in meshes)])
+    rows = [row + start for each, start in zip(meshes, starts, strict=False) for row in np.asarray(each.faces)]
+    return _of_rows(np.concatenate([np.zeros((0, 3)), *(each.vertices for each in meshes)]), rows)
+
+
+def _read_by_pyvista(pyvista: Any, path: Path) -> PlainMesh:
+    found = pyvista.read(path)
+    given: Any = given_mesh(found)
+    values = {name: np.asarray(found.point_data[name]) for name in found.point_data}
+    return _of_rows(np.asarray(given.vertices), [np.asarray(face) for face in given.faces], values)
+
+
+def _of_rows(points: Any, rows: list[NDArray[Any]], values: Mapping[str, Any] | None = None) -> PlainMesh:
     corners = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
-    sizes = np.array([len(row) for row in rows], dtype=np.int64)
-    values = {name: np.asarray(array) for name, array in found.point_data.items()}
-    return PlainMesh(points, corners, sizes, values)
+    return PlainMesh(points, corners, np.array([len(row) for row in rows], dtype=np.int64), values or {})
+
+
+def _write_by_meshio(meshio: Any, path: Path, mesh: PlainMesh) -> None:
+    _meshio_format(path).write(path, _for_meshio(meshio, mesh, path.suffix.lower()))
+
+
+def _write_by_trimesh(trimesh: Any, path: Path, mesh: PlainMesh) -> None:
+    points = np.asarray(mesh.vertices, dtype=np.float64)
+    made = trimesh.Trimesh(points, _fans(mesh.polygons()), process=False)
+    path.write_bytes(made.export(file_type=path.suffix.lower().removeprefix(".")))
+
+
+def _write_by_pyvista(pyvista: Any, path: Path, mesh: PlainMesh) -> None:
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    made = pyvista.PolyData(np.asarray(mesh.vertices), np.insert(mesh.corners, starts, mesh.sizes))
+    for name, values in mesh.values.items():
+        made.point_data[name] = values
+    made.save(path)
 
 
 def _for_meshio(meshio: Any, mesh: PlainMesh, ending: str) -> Any:
@@ -126,17 +167,24 @@ def _fans(polygons: list[NDArray[np.integer[Any]]]) -> NDArray[np.int64]:
     return np.concatenate(triangles).astype(np.int64)
 
 
-def _format(path: Path) -> tuple[Any, Any]:
-    """Return meshio and its module for a kind of file."""
+def _library(path: Path) -> Any:
+    """Return the library for a kind of file."""
     name = PLAIN.get(path.suffix.lower())
     if not name:
         raise FileFormatError(f"'{path.name}' is not a kind of file that can be used here ({', '.join(PLAIN)}).")
-    if find_spec("meshio") is None:
-        also = "" if find_spec("bpy") else "Blender (pip install bpy) or "
-        raise FileFormatError(NO_MESHIO.format(path.name, also))
-    # imported where it is needed: it is an optional package
-    return import_module("meshio"), import_module(f"meshio.{name}")
+    missing = missing_library(path)
+    if missing:
+        raise FileFormatError(missing)
+    return import_module(name)  # imported where it is needed: it is an optional package
+
+
+def _meshio_format(path: Path) -> Any:
+    return import_module(f"meshio.{path.suffix.lower().removeprefix('.')}")
 
 
 def _first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+
+
+_READERS = {"meshio": _read_by_meshio, "trimesh": _read_by_trimesh, "pyvista": _read_by_pyvista}
+_WRITERS = {"meshio": _write_by_meshio, "trimesh": _write_by_trimesh, "pyvista": _write_by_pyvista}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ from bpy.types import Context, Object
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ...solver.approximation.parts import Part
 from ...solver.progress import run_to_end
+from ...solver.surface.representation import Representation
 from ...solver.surface.resampling import Resampled, resample_steps
 from ..data.attributes import read
 from ..data.colours import ColourScale
-from ..data.meshes import create_mesh, loose_edges, mark_sharp, read_positions
+from ..data.meshes import WorldLengths, create_mesh, loose_edges, mark_sharp, read_positions
 from ..data.objects import create_object
 from ..data.origins import RESAMPLED
 from ..data.result_keys import ERROR, SCALE, SPLITS, cut_name, stored_numbers
@@ -34,24 +37,58 @@ def resample_object(context: Context, holder: Object, splits: int, *, replace: b
     representation = read_representation(holder)
     place = placement(holder, representation)
     resampled = _resampled(context, representation, splits)
-    name = cut_name(holder.name, " Resampled")
     on_source = SPLITS not in holder  # a reconstructed surface is finer than the mesh of its representation
     loose = place.vertex[loose_edges(holder.data)] if on_source else None
     local = place.to_local(resampled.vertices)
-    mesh = create_mesh(name, local, resampled.corners, resampled.sizes, loose)
-    mark_sharp(mesh, resampled.creases)
-    made = create_object(name, mesh, holder, context, role=RESAMPLED, replace=replace)
+    made = _created(context, holder, resampled, local, loose, replace)
     error: NDArray[np.floating[Any]]
     if on_source:
         carry_layers(holder, made, resampled, place.vertex)
         error = np.linalg.norm(resampled.vertices - resampled.at_vertices.linear(representation.vertices), axis=1)
     else:  # the error of the nearest vertex of the reconstructed surface
         error = read(holder.data, ERROR)[cKDTree(read_positions(holder.data)).query(local)[1]]
-    # The same scale as that of the result, so that both can be compared.
-    numbers = stored_numbers(holder, SCALE, 3)
-    scale = ColourScale(*numbers) if numbers else colour_scale(context.scene, error)
-    write_error(made, error, scale)
+    _colour(context, made, holder, error)
     return made
+
+
+def resample_parts(
+    context: Context, holders: Sequence[Object], parts: Sequence[Part], representation: Representation, splits: int
+) -> list[Object]:
+    """Make the resampled objects of results that are parts of one surface; raises `InputError` where too large."""
+    whole, made = _resampled(context, representation, splits), []
+    away = np.linalg.norm(whole.vertices - whole.at_vertices.linear(representation.vertices), axis=1)
+    for holder, part in zip(holders, parts, strict=True):
+        own, kept = whole.part(part.faces, part.corners, part.place)
+        first = np.sort(np.unique(part.place, return_index=True)[1])
+        number = np.full(len(representation.vertices), -1)
+        number[part.place[first]] = np.arange(len(first))
+        vertex = number[part.place]
+        local = WorldLengths.of_matrix(holder.matrix_world).to_local(own.vertices)
+        made.append(_created(context, holder, own, local, vertex[loose_edges(holder.data)]))
+        carry_layers(holder, made[-1], own, vertex)
+        _colour(context, made[-1], holder, away[kept])
+    return made
+
+
+def _created(
+    context: Context,
+    holder: Object,
+    resampled: Resampled,
+    local: NDArray[np.float32],
+    loose: NDArray[np.int64] | None,
+    replace: bool = False,
+) -> Object:
+    """Make the object, at local positions (P, 3), with edges of no face."""
+    name = cut_name(holder.name, " Resampled")
+    mesh = create_mesh(name, local, resampled.corners, resampled.sizes, loose)
+    mark_sharp(mesh, resampled.creases)
+    return create_object(name, mesh, holder, context, role=RESAMPLED, replace=replace)
+
+
+def _colour(context: Context, made: Object, holder: Object, error: NDArray[np.floating[Any]]) -> None:
+    """Write errors and their colours on the scale of the result, so that both can be compared."""
+    numbers = stored_numbers(holder, SCALE, 3)
+    write_error(made, error, ColourScale(*numbers) if numbers else colour_scale(context.scene, error))
 
 
 def _resampled(context: Context, representation: Any, splits: int) -> Resampled:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..errors import InputError
 from ..mesh.edges import edge_keys
 from ..progress import Progress, Steps, run_to_end
@@ -55,6 +55,14 @@ class Interpolation:
         result: NDArray[Any] = values[self.sources[np.arange(len(heaviest)), heaviest]][self.place]
         return result
 
+    def part(self, elements: Indices | slice, number: Indices) -> Interpolation:
+        """Some elements only; `number` is what the source's elements are called from now on, -1 for those that go."""
+        place = self.place[elements]
+        sources = number[self.sources[place]]
+        # A vertex on an edge may be placed in the triangle behind it, whose third corner weighs nothing.
+        weights = np.where(sources < 0, 0.0, self.weights[place])
+        return Interpolation(np.maximum(sources, 0), weights, np.arange(len(place)))
+
 
 @dataclass(frozen=True)
 class Resampled:
@@ -89,6 +97,57 @@ class Resampled:
     def polygons(self) -> list[Indices]:
         """Faces as a list of vertex numbers."""
         return np.split(self.corners, np.cumsum(self.sizes)[:-1]) if len(self.sizes) else []
+
+    def part(self, faces: slice, corners: slice, vertices: Indices) -> tuple[Resampled, Indices]:
+        """Return what lies in some of the source's faces, as if these were the source, and which vertices it has.
+
+        Parameters
+        ----------
+        faces, corners
+            Those faces, and their corners.
+        vertices
+            The vertices that belong to them, some of them several times; they come first, in this order.
+        """
+        own = vertices[np.sort(np.unique(vertices, return_index=True)[1])]
+        chosen = (self.source_face >= faces.start) & (self.source_face < faces.stop)
+        positions = np.flatnonzero(np.repeat(chosen, self.sizes))
+        taken, sizes = self.corners[positions], self.sizes[chosen]
+        kept = np.concatenate([own, np.setdiff1d(taken, own)])
+        number = np.full(len(self.vertices), -1)
+        number[kept] = np.arange(len(kept))
+        source_number = np.full(len(self.vertices), -1)
+        source_number[own] = np.arange(len(own))
+        mine = number[taken]
+        sides = np.sort(np.stack([mine, mine[_following(sizes)]], axis=1), axis=1) @ np.array([len(kept), 1])
+        whole, cut = (_among(number[pairs], sides, len(kept)) for pairs in (self.chains[:, :2], self.creases))
+        corner_number = np.full(int(self.at_corners.sources.max(initial=-1)) + 1, -1)
+        corner_number[corners] = np.arange(len(corner_number[corners]))
+        part = Resampled(
+            vertices=self.vertices[kept],
+            corners=mine,
+            sizes=sizes,
+            source_face=self.source_face[chosen] - faces.start,
+            edges=number[self.edges[whole]],
+            chains=number[self.chains[whole]],
+            creases=number[self.creases[cut]],
+            at_vertices=self.at_vertices.part(kept, source_number),
+            at_corners=self.at_corners.part(positions, corner_number),
+        )
+        return part, kept
+
+
+def _following(sizes: Indices) -> Indices:
+    """The corner that comes after each in its face, (L,)."""
+    end = np.cumsum(sizes)
+    following = np.arange(1, int(end[-1]) + 1 if len(end) else 1)
+    following[end - 1] = end - sizes
+    return following
+
+
+def _among(pairs: Indices, sides: Indices, count: int) -> Booleans:
+    """Which pairs of vertices are sides, given as keys of the smaller and the larger number."""
+    found: Booleans = (pairs >= 0).all(axis=1) & np.isin(np.sort(pairs, axis=1) @ np.array([count, 1]), sides)
+    return found
 
 
 def resample(representation: Representation, splits: int) -> Resampled:

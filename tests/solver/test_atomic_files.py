@@ -49,3 +49,24 @@ def test_noted_drafts_can_be_removed_by_another(tmp_path: Path) -> None:
         import sparse_surface.solver.atomic_files as module
 
         module._noted_in.clear()
+
+
+def test_a_draft_beside_its_place_appears_and_goes_like_others(tmp_path: Path) -> None:
+    with atomic_output(tmp_path / "out.blend", beside=True) as draft:
+        assert draft.parent == tmp_path
+        assert draft.name != "out.blend"
+        draft.write_text("scene")
+    assert (tmp_path / "out.blend").read_text() == "scene"
+    with pytest.raises(ValueError, match="no"):
+        fail_beside(tmp_path / "out.blend")
+    assert (tmp_path / "out.blend").read_text() == "scene"
+    assert [path.name for path in tmp_path.iterdir()] == ["out.blend"]
+    with pytest.raises(OSError, match="was not written"), atomic_output(tmp_path / "none.blend", beside=True):
+        pass
+
+
+def fail_beside(path: Path) -> None:
+    with atomic_output(path, beside=True) as draft:
+        draft.write_text("half")
+        draft.with_name(draft.name + "@").write_text("of the writer's own")
+        raise ValueError("no")
