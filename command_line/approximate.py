@@ -67,6 +67,8 @@ def _together(options: argparse.Namespace, sources: Sequence[Object]) -> list[li
 
     What would be refused stands alone, and so does each where domains are wanted as maps, which one surface has.
     """
+    if len(sources) == 1:
+        return [list(sources)]
     frames: dict[Any, list[tuple[int, Any]]] = {}
     for number, source in enumerate(sources):
         read = None if options.domain_maps else _sound(source)
