@@ -13,6 +13,7 @@ from ..native import graphs as native
 from ..native.library import reason_against
 
 _FAR = np.iinfo(np.int64).max
+_HUB = 100  # more neighbours than this make a node a hub
 _ONE_AT_A_TIME = 32  # beyond this many hops there are few centres, placed one at a time
 
 
@@ -74,13 +75,19 @@ def _graph(mesh: TriangleMesh) -> native.Graph:
 
 
 def _first_centres(mesh: TriangleMesh, wanted: Booleans) -> Indices:
-    """Return one centre for each component: its node that is farthest from the component's first wanted node."""
+    """Return the hubs of each component, or else its node that is farthest from its first wanted node.
+
+    A patch that reaches a hub holds all its neighbours, so each of them as a centre would cost as much as the hub: the
+    patches round a pole of n triangles would have n^2 in all.
+    """
     nodes = np.flatnonzero(wanted)
+    hubs = nodes[np.diff(mesh.adjacency.indptr)[nodes] > _HUB]
+    nodes = nodes[~np.isin(mesh.component[nodes], mesh.component[hubs])]
     _, first = np.unique(mesh.component[nodes], return_index=True)
     distance = hops_from(mesh, nodes[first])[nodes]
     order = np.lexsort((nodes, -distance, mesh.component[nodes]))
     _, best = np.unique(mesh.component[nodes][order], return_index=True)
-    return nodes[order[best]]
+    return np.concatenate([hubs, nodes[order[best]]])
 
 
 def gather_neighbours(

@@ -61,6 +61,23 @@ def test_a_components_first_centre_is_farthest_from_its_first_vertex():
         assert distance[centre] == distance[nodes].max()
 
 
+@pytest.mark.parametrize("ring", [1, 2, 3, 7])
+def test_the_patches_round_a_pole_do_not_grow_with_its_square(ring):
+    """A patch that reaches the pole of a fan holds all of it; the fan's other patches are few or small."""
+
+    def triangles_in_patches(n):
+        rim = 1 + np.arange(n)
+        fan = np.column_stack([np.zeros(n, dtype=int), rim, np.roll(rim, -1)])
+        turn = 2.0 * np.pi * np.arange(n) / n
+        circle = np.column_stack([np.cos(turn), np.sin(turn), 0.1 * np.cos(5.0 * turn)])
+        mesh = build_mesh(np.vstack([[0.0, 0.0, 1.0], circle]), fan)
+        everywhere = np.ones(n + 1, dtype=bool)
+        reached = [hops_from(mesh, centre[None]) <= ring for centre in build_cover(mesh, ring, everywhere)]
+        return sum(int(inside[mesh.triangles].all(axis=1).sum()) for inside in reached)
+
+    assert triangles_in_patches(800) <= 2 * triangles_in_patches(400) + 10
+
+
 def test_each_component_has_a_centre_and_loose_vertices_have_none():
     mesh = split_sphere()
     centres = build_cover(mesh, 50)
