@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import MODELS, cube
 from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.approximation.tolerance import _across_creases
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 
 
 def independent_error(result, vertices):
@@ -80,3 +82,21 @@ def test_every_model_keeps_every_tolerance(model, share, load_model):
     assert max(report["relative"]["vertex_max"], report["relative"]["surface_max"]) <= share
     assert report["surface_error"]["bound"] <= share * size
     assert independent_error(result, vertices) <= share * size
+
+
+def test_a_patch_changes_the_surface_across_its_creases_and_there_it_is_measured_again():
+    """At a crease the surface is the mean of both sides, so a change of one side moves triangles of the other."""
+    vertices, faces = cube(12)
+    surface = approximate(vertices, faces, Settings(workers=1, sweeps=0, iterations=4)).representation
+    mesh = replace(build_mesh(surface.vertices, surface.triangles), creases=surface.creases)
+    for patch in range(0, surface.patches, 7):
+        coefficients = surface.coefficients.copy()
+        coefficients[patch] *= 1.5
+        held = np.zeros(len(surface.triangles), dtype=bool)
+        held[surface.mesh_triangles[surface.patch_of_triangle == patch]] = True
+        every = np.repeat(np.arange(len(surface.triangles)), 3)
+        inside = np.tile([[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]], (len(surface.triangles), 1))
+        moved = replace(surface, coefficients=coefficients).evaluate(every, inside) - surface.evaluate(every, inside)
+        changed = (np.abs(moved).max(axis=1) > 1e-12).reshape(-1, 3).any(axis=1)
+        assert (changed & ~held).any(), "the change has to cross a crease"
+        assert not (changed & ~held & ~_across_creases(mesh, held)).any()

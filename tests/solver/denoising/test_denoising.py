@@ -18,6 +18,7 @@ from sparse_surface.solver.denoising.noise_level import estimate_noise_level, me
 from sparse_surface.solver.denoising.noise_spectrum import correlated_noise
 from sparse_surface.solver.denoising.normal_filter import filter_normals
 from sparse_surface.solver.denoising.one_sided_patches import Fits, PatchFitter, PatchRule, shrink_curvature
+from sparse_surface.solver.denoising import one_sided_patches
 from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
@@ -823,3 +824,14 @@ def test_vertices_that_no_patch_reached_follow_their_neighbours() -> None:
     np.testing.assert_allclose(filled[middle, :2], bumpy[middle, :2], atol=1e-12)
     held = fill_in(bumpy, bumpy, known, surface, normals, 0.05)
     assert held[middle, 2] == pytest.approx(0.15)
+
+
+def test_a_vertex_counts_less_the_farther_it_is_from_the_seed():
+    """1 at the seed, 0.3 at the rim, falling with the square of the distance in the plane; absent vertices do not."""
+    at = np.zeros((1, 3, 5))
+    at[0, 0, :4] = [0.0, 1.0, 0.0, 2.0]
+    at[0, 1, 2] = -1.0
+    at[0, 2] = 9.0  # heights are what is fitted
+    present = np.array([[True, True, True, True, False]])
+    taper, _ = one_sided_patches._taper_and_ridge(at, present)
+    np.testing.assert_allclose(taper, [[1.0, 0.825, 0.825, 0.3, 0.0]], rtol=1e-12)
