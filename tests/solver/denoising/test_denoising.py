@@ -14,11 +14,11 @@ from scipy.ndimage import gaussian_filter
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import FINISH, InputError, Progress, SettingsError, denoise, denoise_steps, run_to_end
 from sparse_surface.solver.denoising import denoise as steps
+from sparse_surface.solver.denoising import one_sided_patches
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length, smoothed_normals
 from sparse_surface.solver.denoising.noise_spectrum import correlated_noise
 from sparse_surface.solver.denoising.normal_filter import filter_normals
 from sparse_surface.solver.denoising.one_sided_patches import Fits, PatchFitter, PatchRule, shrink_curvature
-from sparse_surface.solver.denoising import one_sided_patches
 from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
