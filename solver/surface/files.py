@@ -1,4 +1,4 @@
-"""Representations as files: written in format 2 (docs/format.md), read in format 1 too.
+"""Representations as files: written in format 3 (docs/format.md), read in formats 1 and 2 too.
 
 Reading trusts nothing: contents are checked before they are used, and a cut, foreign, newer or forged file is refused
 in one sentence and never evaluated.
@@ -65,16 +65,13 @@ LAYERS = {
 
 NAME, NOUN = "sparse surface representation", "a saved representation of Sparse Surface"
 FORMAT_1 = Format(NAME, 1, NOUN, frozenset({"blending", "basis", "degree"}), LAYERS)
-FORMAT = Format(
-    NAME,
-    2,
-    NOUN,
-    frozenset({"blending", "basis", "degree", "initial", "quality", "error", "sizes"}),
-    {"data": Layer(("bytes",), ("|u1",))},
-)
+_KEYS = frozenset({"blending", "basis", "degree", "initial", "quality", "error", "sizes"})
+_BLOCKS = {"data": Layer(("bytes",), ("|u1",))}
+FORMAT_2 = Format(NAME, 2, NOUN, _KEYS, _BLOCKS)
+FORMAT = Format(NAME, 3, NOUN, _KEYS, _BLOCKS)
+"""As format 2, whose programs do not know walks and would take nodes between creases for missing."""
 
-
-FORMATS = {1: FORMAT_1, 2: FORMAT}
+FORMATS = {kind.version: kind for kind in (FORMAT_1, FORMAT_2, FORMAT)}
 
 
 def to_bytes(surface: Any, quality: str) -> bytes:

@@ -46,7 +46,7 @@ class Saved:
         quality
             "exact": everything to the last bit but the domains, with the surface the same to 5e-7 of the longest side
             of the box around the vertices.  "plain": the same, with the domains as plain numbers for other programs;
-            half as large again.  "compact": a third to a tenth of that; the surface moves by up to 1e-5 of the side,
+            half as large again.  "compact": a quarter of that; the surface moves by up to 1e-5 of the side,
             the input's vertices by up to 3e-5.
         keep_vertex_order
             Whether vertices and faces keep their numbers.  Where they need not, a file of a mesh whose order is random

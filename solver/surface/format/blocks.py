@@ -89,6 +89,11 @@ class BlockWriter:
         self._table[name] = [kind, planes.shape[1], best, len(packed[best])]
         self._parts.append(packed[best])
 
+    @property
+    def size(self) -> int:
+        """Bytes of the blocks."""
+        return sum(len(part) for part in self._parts)
+
     def content(self) -> bytes:
         """Table and blocks, behind the length of the table."""
         table = lzma.compress(json.dumps(self._table, separators=(",", ":")).encode("ascii"), lzma.FORMAT_ALONE)
@@ -142,10 +147,14 @@ class BlockReader:
         demand(good, f"{name} is damaged")
         return np.frombuffer(self._content, dtype=kind, count=count, offset=start)
 
+    def some(self, name: str, most: int) -> Indices:
+        """Return up to `most` whole numbers."""
+        demand(name in self._places and self._places[name][1] <= most, f"{name} is damaged")
+        return self.whole(name, self._places[name][1])
+
     def listed(self, name: str, most: int, end: int) -> Indices:
         """Return up to `most` ascending whole numbers from 0 to below `end`, stored as their differences."""
-        demand(name in self._places and self._places[name][1] <= most, f"{name} is damaged")
-        numbers = np.cumsum(self.whole(name, self._places[name][1]))
+        numbers = np.cumsum(self.some(name, most))
         good = not len(numbers) or (numbers[0] >= 0 and (np.diff(numbers) > 0).all() and numbers[-1] < end)
         demand(good, f"{name} names what is not there")
         return numbers

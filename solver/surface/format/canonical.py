@@ -68,7 +68,7 @@ class Quality:
 
 
 EXACT = Quality(domains=2e-7, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
-COMPACT = Quality(domains=8e-6, share=1 / 32, functions=2e-6, vertices=5e-5, shown=1e-5, error=9e-6)
+COMPACT = Quality(domains=1.1e-5, share=1 / 32, functions=4e-6, vertices=5e-5, shown=1e-5, error=9e-6)
 PLAIN = Quality(domains=0.0, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
 QUALITIES = {"exact": EXACT, "compact": COMPACT, "plain": PLAIN}
 

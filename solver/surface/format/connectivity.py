@@ -1,4 +1,4 @@
-"""Faces and triangles as small differences."""
+"""Faces and triangles: as a walk over the mesh, and where each triangle and vertex stands in it; or as differences."""
 
 from __future__ import annotations
 
@@ -7,11 +7,74 @@ import numpy as np
 from ...arrays import Indices, offsets_of
 from ..container import demand
 from .blocks import BlockReader, BlockWriter
+from .capping import Capped
+from .walk import NotWalkedError, Walk, Walking
 
 FIRST, FAN = "first", "fan"
 
 
-def write_triangles(blocks: BlockWriter, triangles: Indices) -> None:
+def write_triangles(blocks: BlockWriter, triangles: Indices, plain: bool) -> None:
+    """Add triangles: as steps between corners, or as a walk where that is smaller and they need not be `plain`."""
+    steps, walk = BlockWriter(), BlockWriter()
+    _write_steps(steps, triangles)
+    if not plain and _write_walk(walk, triangles) and walk.size < steps.size:
+        blocks.take(walk)
+    else:
+        blocks.take(steps)
+
+
+def _write_walk(blocks: BlockWriter, triangles: Indices) -> bool:
+    """Add triangles as a walk over them, if one leads to them again."""
+    try:
+        mesh = Capped.of(triangles)
+        walking = Walking(mesh.triangles, mesh.opposite)
+    except NotWalkedError:
+        return False
+    met, walk = np.array(walking.met, dtype=np.int64), walking.walk()
+    begins = np.array(walking.corners[::3], dtype=np.int64)
+    number = np.empty_like(met)
+    number[met] = np.arange(len(met))
+    if not np.array_equal(walk.triangles(len(mesh.triangles)).ravel(), number[mesh.triangles.ravel()[walking.corners]]):
+        return False
+    begins = begins[begins < triangles.size]
+    names = mesh.vertices[met[met < mesh.caps]]
+    blocks.whole("valences", walk.valences)
+    blocks.whole("forks", np.diff(walk.forks, prepend=0))
+    blocks.whole("gaps", walk.gaps)
+    blocks.whole("chords", walk.targets)
+    blocks.whole("caps", np.diff(np.flatnonzero(met >= mesh.caps), prepend=0))
+    blocks.whole("names", np.diff(names, prepend=0))
+    blocks.whole("places", np.diff(begins // 3, prepend=0))
+    blocks.whole("begins", begins % 3)
+    return True
+
+
+def _read_walk(blocks: BlockReader, count: int, vertices: int) -> Indices:
+    # a cap has a triangle for each side of a border at most
+    closed = 4 * count
+    forks = blocks.listed("forks", closed, 3 * closed)
+    walk = Walk(
+        blocks.some("valences", 3 * closed), forks, blocks.some("gaps", 4 * closed), blocks.some("chords", closed)
+    )
+    triangles = walk.triangles(closed)
+    capped = np.zeros(len(walk.valences), dtype=bool)
+    capped[blocks.listed("caps", len(capped), len(capped))] = True
+    triangles = triangles[~capped[triangles].any(axis=1)]
+    demand(len(triangles) == count, "a walk does not have the triangles that it says")
+    names = np.zeros(len(capped), dtype=np.int64)
+    names[~capped] = np.cumsum(blocks.whole("names", int((~capped).sum())))
+    demand_range(names, vertices, "a triangle names a vertex that is not there")
+    places, begins = np.cumsum(blocks.whole("places", count)), blocks.whole("begins", count)
+    demand_range(places, count, "a triangle has no place")
+    demand_range(begins, 3, "a triangle begins nowhere")
+    demand((np.bincount(places, minlength=count) == 1).all(), "two triangles have one place")
+    found = np.empty((count, 3), dtype=np.int64)
+    turned = (np.arange(3) + begins[:, None]) % 3
+    found[places[:, None], turned] = names[triangles]
+    return found
+
+
+def _write_steps(blocks: BlockWriter, triangles: Indices) -> None:
     """Add triangles as steps between corners: c0 from the last c0, c1 from the last c2, c2 from c1."""
     last = np.vstack([np.zeros((1, 3), dtype=np.int64), triangles[:-1]])
     blocks.whole("triangles_0", triangles[:, 0] - last[:, 0])
@@ -21,6 +84,8 @@ def write_triangles(blocks: BlockWriter, triangles: Indices) -> None:
 
 def read_triangles(blocks: BlockReader, count: int, vertices: int) -> Indices:
     """Return what `write_triangles` added."""
+    if "valences" in blocks:
+        return _read_walk(blocks, count, vertices)
     first, second, third = (blocks.whole(f"triangles_{k}", count) for k in range(3))
     c2 = np.cumsum(second + third)
     triangles = np.stack([np.cumsum(first), c2 - third, c2], axis=1)

@@ -2,10 +2,12 @@
 
 Vertex after vertex, the faces around it follow each other like a fan, and new vertices are numbered as they come.  So a
 face begins at the vertex of the one before, continues where that one ended, and ends one number on; nearly always.
+Meshes of triangles are walked over as `walk` does.
 """
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -13,6 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...arrays import Indices, offsets_of
+from .capping import Capped
+from .walk import NotWalkedError, Walking
 
 Surface = TypeVar("Surface", bound=Any)
 
@@ -22,6 +26,9 @@ def in_walking_order(surface: Surface) -> Surface:
 
     Faces may begin at another of their corners.  Patches, functions and domains stay as they are.
     """
+    if np.array_equal(surface.face_corners, surface.triangles.ravel()):
+        with contextlib.suppress(NotWalkedError):
+            return _in_order_of_triangles(surface)
     walk = _Walk(surface.face_offsets, surface.face_corners, len(surface.vertices))
     faces, number = np.array(walk.faces, dtype=np.int64), np.array(walk.number, dtype=np.int64)
     corners = [number[walk.turned(face)] for face in faces]
@@ -43,6 +50,30 @@ def in_walking_order(surface: Surface) -> Surface:
         face_corners=np.concatenate([*corners, np.zeros(0, dtype=np.int64)]),
         patch_vertices=number[surface.patch_vertices],
         mesh_triangles=back[surface.mesh_triangles],
+        creases=number[surface.creases],
+    )
+
+
+def _in_order_of_triangles(surface: Surface) -> Surface:
+    """Renumber as the walk does by which triangles are stored."""
+    mesh = Capped.of(surface.triangles)
+    walking = Walking(mesh.triangles, mesh.opposite)
+    corners = np.array(walking.corners, dtype=np.int64).reshape(-1, 3)
+    corners = corners[corners[:, 0] < surface.triangles.size]
+    met = np.array(walking.met, dtype=np.int64)
+    names = mesh.vertices[met[met < mesh.caps]]
+    vertices, first = np.unique(names, return_index=True)
+    order = np.concatenate([vertices[np.argsort(first)], np.setdiff1d(np.arange(len(surface.vertices)), vertices)])
+    number, place = np.empty_like(order), np.empty(len(corners), dtype=np.int64)
+    number[order], place[corners[:, 0] // 3] = np.arange(len(order)), np.arange(len(corners))
+    triangles = number[surface.triangles.ravel()[corners]]
+    return replace(
+        surface,
+        vertices=surface.vertices[order],
+        triangles=triangles,
+        face_corners=triangles.ravel().copy(),
+        patch_vertices=number[surface.patch_vertices],
+        mesh_triangles=place[surface.mesh_triangles],
         creases=number[surface.creases],
     )
 

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from ...arrays import Array, Booleans, Indices, offsets_of
 from ...fitting.dictionary import Dictionary
+from ..closing import Fans
 from ..container import demand
 from .blocks import BlockReader
 from .connectivity import demand_range, read_faces, read_triangles
@@ -19,6 +20,7 @@ from .entropy import NumberReader
 from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps
 from .growth import Reading
 from .positions import code_positions
+from .recognition import renumbered
 
 
 def read(head: dict[str, Any], sizes: Sizes, blocks: BlockReader) -> dict[str, Any]:
@@ -30,7 +32,8 @@ def read(head: dict[str, Any], sizes: Sizes, blocks: BlockReader) -> dict[str, A
         When the blocks contradict the sizes, each other, or what a representation is.
     """
     mesh = _read_mesh(blocks, sizes)
-    nodes, node_vertex = _read_nodes(blocks, sizes, mesh["triangles"])
+    creases = _read_creases(blocks, mesh["triangles"])
+    nodes, node_vertex = _read_nodes(blocks, sizes, mesh["triangles"], creases)
     incidence = Incidence.of(nodes, len(node_vertex))
     cover, centres = _read_cover(blocks, sizes, incidence)
     names = node_vertex[cover.nodes]
@@ -53,11 +56,8 @@ def read(head: dict[str, Any], sizes: Sizes, blocks: BlockReader) -> dict[str, A
         "weights": weights,
         **functions,
         "energy": _read_energy(blocks, sizes),
+        "creases": creases,
     }
-    if "creases" in blocks:
-        sides = blocks.listed("creases", nodes.size, nodes.size)
-        ends = [np.roll(mesh["triangles"], -k, axis=1).ravel()[sides] for k in (0, 1)]
-        fields["creases"] = np.unique(np.sort(np.stack(ends, axis=1), axis=1), axis=0)
     if "initial_domains" in blocks:
         fields["initial_domains"] = blocks.real("initial_domains", sizes.domains, sizes.patch_vertices, 2)
     return fields
@@ -76,8 +76,23 @@ def _read_mesh(blocks: BlockReader, sizes: Sizes) -> dict[str, Any]:
     return {"triangles": triangles, "polygon": polygon, "face_offsets": offsets, "face_corners": corners}
 
 
-def _read_nodes(blocks: BlockReader, sizes: Sizes, triangles: Indices) -> tuple[Indices, Indices]:
-    """Return the nodes of the triangles' corners, and the vertex of each node."""
+def _read_creases(blocks: BlockReader, triangles: Indices) -> Indices:
+    if "creases" not in blocks:
+        return np.zeros((0, 2), dtype=np.int64)
+    sides = blocks.listed("creases", triangles.size, triangles.size)
+    ends = [np.roll(triangles, -k, axis=1).ravel()[sides] for k in (0, 1)]
+    return np.unique(np.sort(np.stack(ends, axis=1), axis=1), axis=0)
+
+
+def _read_nodes(blocks: BlockReader, sizes: Sizes, triangles: Indices, creases: Indices) -> tuple[Indices, Indices]:
+    """Return the nodes of the triangles' corners, and the vertex of each node; those between creases, if not stored."""
+    if len(creases) and "cut_corners" not in blocks:
+        fans = Fans.of(triangles, creases, sizes.vertices)
+        found = renumbered(fans.corners, triangles, sizes.vertices)
+        demand(len(fans.vertex) == sizes.nodes, "its creases do not lead to the nodes that it says")
+        vertex = np.arange(sizes.nodes)
+        vertex[found.ravel()] = triangles.ravel()
+        return found, vertex
     cut = blocks.listed("cut_corners", triangles.size, triangles.size)
     extra = blocks.whole("cut_nodes", len(cut))
     demand_range(extra, sizes.nodes - sizes.vertices, "a corner names a node that is not there")

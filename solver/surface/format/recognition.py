@@ -42,7 +42,7 @@ def nodes_of(
         met = np.full(entries, -1)
         met[corners] = own
         if (met[corners] == own).all():
-            return fans
+            return renumbered(fans, triangles, count)
     flat = (3 * mesh_triangles[:, None] + np.arange(3)).ravel()
     size = triangles.size
     _, part = connected_parts(flat, size + corners.ravel(), size + entries)
@@ -59,6 +59,22 @@ def nodes_of(
     number[extra] = count + np.arange(extra.sum())
     nodes[held] = number[np.searchsorted(parts, part[:size][held])]
     return nodes.reshape(-1, 3)
+
+
+def renumbered(nodes: Indices, triangles: Indices, count: int) -> Indices:
+    """Number nodes, (T, 3), by themselves: of the nodes of a vertex the one whose corner comes first has its number.
+
+    The others go on from `count`, in the order of their vertices and first corners.
+    """
+    flat, vertex = nodes.ravel(), triangles.ravel()
+    parts, first, part = np.unique(flat, return_index=True, return_inverse=True)
+    own = np.full(count, -1)
+    order = np.argsort(first, kind="stable")[::-1]
+    own[vertex[first[order]]] = order  # the last one to be written is the first
+    number = vertex[first]
+    extra = np.flatnonzero(own[number] != np.arange(len(parts)))
+    number[extra[np.lexsort((first[extra], number[extra]))]] = count + np.arange(len(extra))
+    return number[part.ravel()].reshape(-1, 3)
 
 
 def rings_of(cover: Cover, incidence: Incidence) -> tuple[Indices, Indices]:

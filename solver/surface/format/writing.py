@@ -10,23 +10,33 @@ import numpy as np
 
 from ...arrays import Array, Booleans, Indices
 from ...fitting.dictionary import Dictionary
+from .balancing import BalancedWriting, Leverage
 from .blocks import BlockWriter
 from .canonical import Canonical, Fields, Quality
 from .connectivity import write_faces, write_triangles
 from .content import Sizes
 from .cover import Cover, ring_members, weights_of
-from .domains import Shapes, code_domains
+from .domains import Functions, Shapes, code_domains, shares_of
 from .entropy import NumberWriter, TooLargeError, whole_numbers
 from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps
 from .growth import Writing
 from .positions import code_positions
-from .recognition import levels_of, rings_of
+from .recognition import levels_of, renumbered, rings_of
 
 INSIDE = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
 """Places in a triangle where the move is measured, besides its corners."""
 
-ATTEMPTS, MOST_FINER = 12, 0.05
+ATTEMPTS, MOST_FINER = 20, 0.05
 """Roundings that are tried, and the share of vertices that may get finer steps."""
+
+SMALLER, LITTLE_SMALLER = 0.84, 0.94
+"""By how much steps of functions, and of domains, differ from one attempt to the next, at first."""
+
+FUNCTIONS_SHARE = 0.85
+"""How much of the permitted move rounded functions may make alone, before the domains are rounded."""
+
+SCALE_BITS = 8
+"""Bits of the patches' scales; coefficients follow them."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ def write(surface: Any, quality: Quality) -> Written:
     blocks, own = BlockWriter(), Canonical.of(surface)
     cover = own.cover
     side = float(np.ptp(surface.vertices, axis=0).max()) or 1.0
-    _write_mesh(blocks, surface, own)
+    _write_mesh(blocks, surface, own, not quality.domains)
     centres = _write_cover(blocks, surface, own)
     weights = surface.weights[own.rows]
     _write_weights(blocks, surface, own, weights)
@@ -69,23 +79,27 @@ def write(surface: Any, quality: Quality) -> Written:
     return Written(sizes, blocks, moved)
 
 
-def _write_mesh(blocks: BlockWriter, surface: Fields, own: Canonical) -> None:
+def _write_mesh(blocks: BlockWriter, surface: Fields, own: Canonical, plain: bool) -> None:
     triangles = surface.triangles
-    plain = (
+    own_faces = (
         len(surface.face_corners) == triangles.size
         and (np.diff(surface.face_offsets) == 3).all()
         and np.array_equal(surface.face_corners, triangles.ravel())
         and np.array_equal(surface.polygon, np.arange(len(triangles)))
     )
-    if plain:
-        write_triangles(blocks, triangles)
+    if own_faces:
+        write_triangles(blocks, triangles, plain)
     else:
         write_faces(blocks, surface.face_offsets, surface.face_corners, triangles, surface.polygon)
-    cut = np.flatnonzero(own.nodes.ravel() != triangles.ravel())
-    _write_set(blocks, "cut_corners", cut)
-    blocks.whole("cut_nodes", own.nodes.ravel()[cut] - len(surface.vertices))
     if len(surface.creases):
         _write_set(blocks, "creases", np.unique(surface.fans.sides.min(axis=1)))
+    found = len(surface.creases) > 0 and np.array_equal(
+        own.nodes, renumbered(surface.fans.corners, triangles, len(surface.vertices))
+    )
+    if plain or not found:
+        cut = np.flatnonzero(own.nodes.ravel() != triangles.ravel())
+        _write_set(blocks, "cut_corners", cut)
+        blocks.whole("cut_nodes", own.nodes.ravel()[cut] - len(surface.vertices))
 
 
 def _write_set(blocks: BlockWriter, name: str, ascending: Indices) -> None:
@@ -162,17 +176,18 @@ def _write_functions(
 ) -> dict[str, Any]:
     """Add frames and functions; return them as they will be read.
 
-    Steps are halved until rounding alone moves the surface by a third of what is permitted at most.
+    Steps are made smaller until rounding alone moves the surface by less than is permitted.  Most of that is made up
+    for when the domains are rounded.
     """
     step, before = quality.functions * side, surface.at_vertices()
     with contextlib.suppress(TooLargeError):
-        for _ in range(ATTEMPTS if step else 0):
+        for attempt in range(ATTEMPTS if step else 0):
             draft = BlockWriter()
             found = _rounded_functions(draft, surface, mean_positions(cover, positions), step)
-            if np.abs(replace(surface, **found).at_vertices() - before).max() <= quality.error * side / 3.0:
+            if np.abs(replace(surface, **found).at_vertices() - before).max() <= FUNCTIONS_SHARE * quality.error * side:
                 blocks.take(draft)
                 return found
-            step /= 2.0
+            step *= SMALLER if attempt < ATTEMPTS // 4 else SMALLER**4
     names = ("origins", "scales", "support", "coefficients")
     for name in names:
         add = blocks.whole if name == "support" else blocks.real
@@ -182,11 +197,13 @@ def _write_functions(
 
 def _rounded_functions(blocks: BlockWriter, surface: Fields, mean: Array, step: float) -> dict[str, Any]:
     number = whole_numbers((surface.origins - mean) / step)
-    scales = surface.scales.astype(np.float32).astype(np.float64)
+    fraction, exponent = np.frexp(surface.scales)
+    scales = np.ldexp(np.rint(np.ldexp(fraction, SCALE_BITS)), exponent - SCALE_BITS)
     width = surface.support.shape[2]
     order = np.argsort(np.where(surface.support < 0, np.iinfo(np.int64).max, surface.support), axis=2, kind="stable")
     support = np.take_along_axis(surface.support, order, axis=2)
-    given = np.where(support < 0, 0.0, np.take_along_axis(surface.coefficients, order, axis=2))
+    scaled = surface.coefficients * (scales / surface.scales)[:, :, None]
+    given = np.where(support < 0, 0.0, np.take_along_axis(scaled, order, axis=2))
     steps = coefficient_steps(scales, step, support)
     coefficients = whole_numbers(given / steps)
     blocks.real("function_step", np.array([step]))
@@ -231,14 +248,15 @@ class DomainWriting:
         step, finer = quality.domains * self.side, np.zeros(len(self.surface.vertices), dtype=bool)
         places = self._places()
         before = self._points(self.surface, places)
-        for _ in range(ATTEMPTS):
-            domains, writers = self._rounded((step, quality.share), finer)
+        for attempt in range(ATTEMPTS):
+            domains, writers = self._rounded((step, quality.share), finer, bool(quality.functions))
             moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
             far = self._vertices_at(moved > quality.error)
             if not far.any():
                 break
             if np.count_nonzero(far & ~finer) > MOST_FINER * len(finer) or (far & finer).any():
-                step, finer = 0.8 * step, np.zeros_like(finer)
+                smaller = LITTLE_SMALLER if attempt < ATTEMPTS // 4 else SMALLER**2
+                step, finer = smaller * step, np.zeros_like(finer)
             else:
                 finer |= far
         else:
@@ -260,18 +278,31 @@ class DomainWriting:
         blocks.real("exact_domains", domains)
         return float(moved.max(initial=0.0))
 
-    def _rounded(self, step: tuple[float, float], finer: Booleans) -> tuple[Array, list[NumberWriter]]:
+    def _rounded(self, step: tuple[float, float], finer: Booleans, balanced: bool) -> tuple[Array, list[NumberWriter]]:
         cover, vertices = self.own.cover, self.own.node_vertex[self.own.cover.nodes]
         given, at = self.surface.domains[:, self.own.rows], self.positions[vertices]
         weights, shapes = self.surface.weights[self.own.rows], Shapes.of(self.positions, self.surface.triangles)
         domains, writers = np.empty_like(given), []
         dictionary = Dictionary(self.surface.degree, self.surface.basis)
+        moved = self._surface_with(given).at_vertices() - self.surface.at_vertices()
         for channel, part, target in domain_inputs(cover, self.functions, at, dictionary):
-            steps = domain_steps(cover, weights, self.functions["scales"][:, channel], step, finer[vertices])
+            scales = self.functions["scales"][:, channel]
+            steps = domain_steps(cover, weights, scales, step, finer[vertices])
             writing = Writing(given[channel])
+            if balanced:
+                leverage = self._leverage(vertices, part, given[channel], scales, shares_of(cover, weights, step[1]))
+                axes = slice(None) if len(given) == 1 else slice(channel, channel + 1)
+                writing = BalancedWriting(given[channel], leverage, moved[:, axes])
             domains[channel] = code_domains(cover, self.centres, shapes, target, part, steps, writing)
             writers.append(writing.numbers)
         return domains, writers
+
+    def _leverage(
+        self, vertices: Indices, functions: Functions, domain: Array, scales: Array, shares: Array
+    ) -> Leverage:
+        patch = self.own.cover.patch_of_vertex
+        derivative = np.stack(functions(patch, domain)[1:], axis=2).transpose(1, 0, 2) / scales[patch, None, None]
+        return Leverage.of(vertices, derivative, self.surface.weights[self.own.rows], shares)
 
     def _surface_with(self, domains: Array) -> Any:
         back = np.empty_like(self.own.rows)

@@ -153,6 +153,18 @@ def test_earlier_files_are_read() -> None:
     np.testing.assert_allclose(again.initial_domains, earlier.initial_domains, atol=1e-6)
 
 
+def test_files_of_format_2_are_read() -> None:
+    """A compact file of a cube with creases, from before walks and before nodes were left out."""
+    path = Path(__file__).parent / "data" / "cube_format_2.representation"
+    assert json.loads(arrays_of(path.read_bytes())["head"].tobytes())["version"] == 2
+    earlier = Representation.load(path)
+    assert (earlier.patches, len(earlier.triangles), len(earlier.creases)) == (12, 192, 48)
+    np.testing.assert_array_equal(earlier.face_corners, np.ravel(cube(4)[1]))
+    assert np.abs(earlier.at_vertices() - cube(4)[0]).max() < 1e-5
+    again = Representation.from_bytes(earlier.compact)
+    np.testing.assert_allclose(points_of(again), points_of(earlier), rtol=0.0, atol=2e-5)
+
+
 def test_an_existing_file_is_replaced_and_survives_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "surface.npz"
     path.write_bytes(b"before")
