@@ -327,6 +327,24 @@ class CloudSettings(_Checked):
         "Higher: closer fit, more time",
         soft=(0, 5),
     )
+    close_holes: float = number(
+        0.0,
+        0.0,
+        1e12,
+        "Close holes of the points that are up to this wide, in scene units, where the base is made. "
+        "0: only gaps of a few spacings",
+    )
+    trim_distance: float = number(
+        0.0, 0.0, 1e12, "Cut the surface off where it is farther than this from every point, in scene units. 0: off"
+    )
+    trim_density: float = number(
+        0.0,
+        0.0,
+        1.0,
+        "Cut the surface off where points are sparser than this share of their usual density. Borders stay below 0.25. "
+        "0: off",
+        soft=(0.0, 0.25),
+    )
 
 
 PRESETS: dict[str, dict[str, Any]] = {

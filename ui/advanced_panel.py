@@ -7,7 +7,7 @@ from bpy.types import Context, Panel
 
 from ..solver.patch_methods import METHODS
 from .optional import draw_optional
-from .properties import CLOUD_NAMES, SOLVER_NAMES
+from .properties import CLOUD_NAMES, OPTIONAL_CLOUD, SOLVER_NAMES
 from .sidebar import SubPanel, draw_weights
 
 OF_JOBS = ("tolerance", "denoise", "denoise_strength", "noise_level")
@@ -23,7 +23,8 @@ _PLACED = {*OF_JOBS, *PATCHES, *DOMAIN, *PAPER, *OF_ONE_METHOD, *OUTPUT}
 MORE = tuple(name for name in SOLVER_NAMES if name not in _PLACED)
 """Settings that no other group names."""
 
-POINTS = tuple(name for name in CLOUD_NAMES if name not in {"robust", "noise", "ring"})
+POINTS = tuple(name for name in CLOUD_NAMES if name not in {"robust", "noise", *OPTIONAL_CLOUD})
+GAPS = ("close_holes", "trim_distance", "trim_density")
 
 
 class SPARSE_SURFACE_PT_advanced(SubPanel, Panel):
@@ -40,6 +41,8 @@ class SPARSE_SURFACE_PT_advanced(SubPanel, Panel):
             draw_optional(column, settings.reconstruction, "ring")
             for name in POINTS:
                 column.prop(settings.reconstruction, name)
+            for name in GAPS:
+                draw_optional(column, settings.reconstruction, name)
             column.prop(settings.reconstruction, "keep_base")
             column.separator()
         for name in (*PATCHES, *MORE):

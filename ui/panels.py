@@ -86,6 +86,7 @@ def draw_reconstruct(layout: UILayout, context: Context, settings: PropertyGroup
     draw_optional(layout, cloud, "splits")
     layout.prop(cloud, "robust")
     draw_optional(layout, cloud, "noise")
+    draw_optional(layout, settings, "tolerance")
     layout.prop(cloud, "point_errors")
     count = point_count(selected_points(context), context)
     if count:

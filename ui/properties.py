@@ -50,11 +50,11 @@ CHOICE_NAMES = {
     "numpy": "NumPy",
 }
 
-LENGTHS = {"tolerance", "noise_level", "noise", "merge_distance"}
+LENGTHS = {"tolerance", "noise_level", "noise", "merge_distance", "close_holes", "trim_distance"}
 """Settings in scene units."""
 
 OPTIONAL = {"tolerance": 0.0, "noise_level": 0.0, "merge_distance": 0.0, "workers": 2}
-OPTIONAL_CLOUD = {"noise": 0.0, "ring": 1}
+OPTIONAL_CLOUD = {"noise": 0.0, "ring": 1, "close_holes": 0.1, "trim_distance": 0.1, "trim_density": 0.1}
 """Settings of which zero means none or automatic, each with the value that it starts with (see `optional`)."""
 
 COUNTS = (
@@ -273,7 +273,7 @@ def shown_as_optional(group: type[PropertyGroup], item: dataclasses.Field, start
     whole = isinstance(item.default, int)
     options = {"min": 1 if whole else 1e-9, "max": item.metadata["high"], "soft_max": item.metadata["soft"][1]}
     kind = IntProperty if whole else FloatProperty
-    unit = {} if whole else AS_LENGTH
+    unit = AS_LENGTH if item.name in LENGTHS else {}
     made = optional_properties(
         item.name, setting_name(item.name), item.metadata["text"], kind, start, **options, **unit
     )

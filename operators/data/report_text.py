@@ -85,6 +85,7 @@ def warnings(report: Report, length: Length = plain) -> list[str]:
         _merged(report),
         _uncut(report),
         _far_from_points(report, length),
+        _outside(report, length),
     ]
     return [sentence for sentence in said if sentence]
 
@@ -131,6 +132,12 @@ def _far_from_points(report: Report, length: Length) -> str:
         return ""
     text = translate("the surface is up to {} ({:.0f} spacings) from the nearest point")
     return text.format(length(away["max"]), away["max_spacings"])
+
+
+def _outside(report: Report, length: Length) -> str:
+    sought = report.get("tolerance", {})
+    text = translate("{} points are farther from the surface than {}")
+    return text.format(sought["points_outside"], length(sought["requested"])) if sought.get("points_outside") else ""
 
 
 def _share(length: float, size: float) -> str:

@@ -128,17 +128,17 @@ def drawn_to_points(mesh: TriangleMesh, points: Array, weights: Array) -> Triang
     return fitted
 
 
-def border_near_points(mesh: TriangleMesh, points: Array, spacing: float) -> TriangleMesh:
-    """Move vertices of the border that lie beyond the points (P, 3) to within half a spacing, unless triangles fold.
+def border_near_points(mesh: TriangleMesh, points: Array, reach: float) -> TriangleMesh:
+    """Move vertices of the border that are farther than `reach` from the points (P, 3) there, unless triangles fold.
 
     No point holds them back from there, and patches have nothing to follow.
     """
     border = np.unique(mesh.node_vertex[mesh.border])
     distance, nearest = cKDTree(points).query(mesh.vertices[border])
-    beyond = np.flatnonzero(distance > BORDER_SPACINGS * spacing)
+    beyond = np.flatnonzero(distance > reach)
     vertices = mesh.vertices.copy()
     target = points[nearest[beyond]]
-    share = (BORDER_SPACINGS * spacing / distance[beyond])[:, None]
+    share = (reach / distance[beyond])[:, None]
     vertices[border[beyond]] = target + share * (vertices[border[beyond]] - target)
     before = face_normals(mesh.vertices, mesh.triangles)
     while (turned := (before * face_normals(vertices, mesh.triangles)).sum(axis=1) < LEAST_TURN).any():

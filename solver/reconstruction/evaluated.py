@@ -32,11 +32,12 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
     vertices, polygons = arrays.base_vertices, arrays.polygons()
     if not arrays.has_base:
         start = BASE_SHARE
-        base = yield from within(make_base_steps(points.points, arrays.base_count), 0.0, start)
+        steps = make_base_steps(points.points, arrays.base_count, arrays.cloud.close_holes)
+        base = yield from within(steps, 0.0, start)
         made = base.vertices.astype(np.float32), base.triangles.astype(np.int32)
         vertices, polygons = made[0], list(base.triangles)
-    steps = reconstruct_clean(points, vertices, polygons, settings, arrays.cloud)
-    result = yield from within(steps, start, 0.97)
+    fitting = reconstruct_clean(points, vertices, polygons, settings, arrays.cloud)
+    result = yield from within(fitting, start, 0.97)
     representation = result.representation
     splits = arrays.splits or automatic_splits(len(points.points), len(representation.triangles))
     fine = yield from within(resample_steps(representation, splits), 0.97, 1.0)

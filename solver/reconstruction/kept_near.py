@@ -50,12 +50,12 @@ def kept_near(surface: CloudSurface, planes: TangentPlanes) -> int:
 def _runs_away(surface: CloudSurface, planes: TangentPlanes, asked: Indices) -> Booleans:
     """Which of the triangles have a place from which the surface has run away."""
     representation, result = surface.representation(), np.zeros(len(asked), dtype=bool)
-    possible = np.flatnonzero(exceeding(representation, planes.room, asked))
-    for part in np.array_split(possible, 1 + len(possible) // TRIANGLES_AT_ONCE):
+    possible = np.flatnonzero(exceeding(representation, min(planes.room, planes.spike), asked))
+    for part in np.array_split(possible, -(-len(possible) // TRIANGLES_AT_ONCE)) if len(possible) else []:
         triangles = np.repeat(asked[part], len(GRID))
         shares = np.tile(GRID, (len(part), 1))
         on_surface = representation.evaluate(triangles, shares)
         on_base = np.einsum("nk,nkd->nd", shares, representation.vertices[representation.triangles[triangles]])
-        away = planes.run_away(on_surface, on_base) > 0.0
+        away = (planes.run_away(on_surface, on_base) > 0.0) | planes.spikes(on_surface, on_base)
         result[part] = away.reshape(len(part), len(GRID)).any(axis=1)
     return result

@@ -18,9 +18,10 @@ from ..arrays import Array, Indices
 from ..errors import InputError
 from ..mesh.decimation import decimated
 from ..progress import Progress, Steps, run_to_end
-from .base import border_near_points, checked_base, drawn_to_points
+from .base import BORDER_SPACINGS, border_near_points, checked_base, drawn_to_points
 from .cleaning import clean
 from .geometry import CloudGeometry, analyse
+from .holes import across_holes, faired
 from .level_set import Grid, level_set
 from .reconstruct import refuse_flat
 from .shell import has_cavity, is_open, outer_parts, parts, sheet, unpinched, without_slivers
@@ -67,7 +68,7 @@ class Base:
     closed: bool
 
 
-def make_base(points: ArrayLike, count: int = 0) -> Base:
+def make_base(points: ArrayLike, count: int = 0, close_holes: float = 0.0) -> Base:
     """Make a base from points.
 
     Parameters
@@ -76,16 +77,18 @@ def make_base(points: ArrayLike, count: int = 0) -> Base:
         (P, 3), scene units.
     count
         Wanted number of vertices; 0: one for every 24 points, in noisy clouds for every sixty.
+    close_holes
+        Width up to which holes of the cloud are closed, scene units.
 
     Raises
     ------
     InputError
         When the points span no volume, or no manifold could be made around them.
     """
-    return run_to_end(make_base_steps(clean(points).points, count))
+    return run_to_end(make_base_steps(clean(points).points, count, close_holes))
 
 
-def make_base_steps(points: Array, count: int = 0) -> Steps[Base]:
+def make_base_steps(points: Array, count: int = 0, close_holes: float = 0.0) -> Steps[Base]:
     """`make_base` as a generator of `Progress`, from points (P, 3) that were cleaned before."""
     yield Progress("Making the base", 0.0)
     refuse_flat(points)
@@ -94,6 +97,8 @@ def make_base_steps(points: Array, count: int = 0) -> Steps[Base]:
     places = (points - middle) / size
     geometry = analyse(places)
     closed, vertices, triangles = _fine(places, geometry)
+    if close_holes and not closed:
+        closed, vertices, triangles = _without_holes(places, geometry, vertices, triangles, close_holes / size)
     yield Progress("Making the base", 0.3)
     count = count or int(np.clip(len(places) // _points_a_vertex(geometry), FEWEST, MOST))
     try:
@@ -105,7 +110,7 @@ def make_base_steps(points: Array, count: int = 0) -> Steps[Base]:
     yield Progress("Making the base", 0.9)
     near = drawn_to_points(mesh, places, np.ones(len(places)))
     if not closed:
-        near = border_near_points(near, places, geometry.spacing)
+        near = border_near_points(near, places, BORDER_SPACINGS * geometry.spacing)
     return Base(near.vertices * size + middle, near.triangles, closed)
 
 
@@ -126,6 +131,17 @@ def _fine(points: Array, geometry: CloudGeometry) -> tuple[bool, Array, Indices]
         return False, *sheet(points, geometry.spacing, geometry.noise)
     chosen = (closed or lasting or shells[-1:])[0]
     return True, chosen.vertices, chosen.triangles
+
+
+def _without_holes(
+    points: Array, geometry: CloudGeometry, vertices: Array, triangles: Indices, widest: float
+) -> tuple[bool, Array, Indices]:
+    """Close the holes of a fine mesh that are at most `widest` wide; returns what `_fine` does."""
+    across = across_holes(vertices, triangles, widest, geometry.spacing)
+    if not len(across):
+        return False, vertices, triangles
+    closed, vertices, triangles = _fine(np.concatenate([points, across]), geometry)
+    return closed, faired(vertices, triangles, points, across, geometry.spacing), triangles
 
 
 def _radii(spacing: float, border: bool) -> list[float]:

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..approximation.approximate import SOLVE_ENDS, SOLVE_STARTS, SWEEPS_END
-from ..approximation.measuring import Deviation, measure, measured_iterations
+from ..approximation.approximate import SOLVE_ENDS
+from ..approximation.measuring import measured_iterations
 from ..approximation.patched_surface import OscillationTest, PatchedSurface
 from ..approximation.report import Stopwatch, noting_early_end
 from ..approximation.runner import ChunkRunner, chunk_runner
@@ -30,24 +30,26 @@ from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import CloudSettings, Settings
-from ..surface.metrics import domain_jacobians, faces_turned, flipped_triangles
-from ..surface.representation import Representation
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
 from .cleaning import CleanCloud, clean
 from .correction import nearest_on_surface
-from .distances import both_ways
 from .geometry import CloudGeometry, analyse
 from .kept_near import kept_near
+from .measured import MEASURING_STEPS, measured
 from .noise import iterations_for_noise, ring_for_noise
 from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
 from .oscillation import CloudSurface, oscillating_in_cloud
+from .refined import LEAST_GAIN, ROUNDS, Fitted, ToleranceSought, refined_base
 from .result import Reconstruction
 from .robust_weights import robust_weights, spread
 from .tangent_planes import TangentPlanes
+from .trimming import trimmed
 
 CORRECTION_STEPS = 2
-MEASURING_STEPS = 5
-"""Steps towards the nearest point of the surface, between fits and when errors are measured."""
+"""Steps towards the nearest point of the surface, between fits."""
+
+FIRST_FIT_ENDS = 0.3
+"""Share of a run with a tolerance after which the base is refined."""
 
 COARSER = 2
 """The coarse fit that fills places without points has rings larger by this."""
@@ -61,9 +63,6 @@ CREASE_WEIGHT = 1.0
 
 SMALLEST_SCALE = 0.1
 """Robust weights use at least this share of the spacing as scale: a rounded crease is not an outlier."""
-
-OUTLIER_WEIGHT = 0.1
-"""Points with a smaller weight are reported as outliers."""
 
 
 def reconstruct(
@@ -88,7 +87,7 @@ def reconstruct(
         A coarse mesh near the points: (V, 3), and (F, n) vertex numbers or a list of polygons; without faces a pair, a
         mesh of another library or a file, as in `approximate`.
     settings
-        How patches are fitted; `Settings.ring` is ignored, and a tolerance is only compared with the result.
+        How patches are fitted; `Settings.ring` is ignored.  Towards a tolerance the base is refined.
     cloud
         How the points are observed.
     executor
@@ -167,8 +166,10 @@ class _Work:
     ) -> None:
         self.clean, self.points = clean, clean.points
         self.base, self.settings, self.cloud, self.runner = base, settings, cloud, runner
+        self.asked = settings
         self.watch = Stopwatch()
         self.weights = np.ones(len(self.points))
+        self.hurry = False
 
     def steps(self) -> Steps[Reconstruction]:
         yield Progress("Looking at the points", 0.0)
@@ -177,34 +178,75 @@ class _Work:
             self.planes = TangentPlanes(self.points, self.geometry)
         yield Progress("Fitting the base", 0.02)
         with self.watch.stage("cover"):
-            self.mesh = self._fitted_base()
-            observed = self._observed()
-        yield Progress("Choosing the patches", 0.05)
+            self.mesh = trimmed(self._fitted_base(), self.points, self.geometry.spacing, self.cloud)
+        sought = None
+        fitted = yield from within(self._fitted(), 0.02, FIRST_FIT_ENDS if self.asked.tolerance else 0.95)
+        if self.asked.tolerance:
+            fitted, sought = yield from within(self._refined(fitted), FIRST_FIT_ENDS, 0.95)
+        yield Progress("Measuring", 0.95)
+        return measured(fitted, self.clean, self.geometry, self.cloud, self.watch, sought)
+
+    def _refined(self, best: Fitted) -> Steps[tuple[Fitted, ToleranceSought]]:
+        """Refine the base where points are outside the tolerance; the surface with the fewest of them is taken."""
+        tolerance, noise = self.asked.tolerance, self.geometry.noise
+        outside = best.outside(tolerance, noise)
+        fewest = int(outside.sum())
+        sought, newest = ToleranceSought(tolerance, fewest, fewest), best
+        for number in range(ROUNDS):
+            base = refined_base(newest, outside)
+            if self.hurry or base is None:
+                break
+            with self.watch.stage("refine"):
+                self.base = base
+                self.mesh = self._fitted_base()
+            newest = yield from within(self._fitted(), number / ROUNDS, (number + 1) / ROUNDS)
+            outside = newest.outside(tolerance, noise)
+            left = int(outside.sum())
+            sought.rounds.append({"vertices": len(base.vertices), "points_outside": left})
+            slow = left > (1.0 - LEAST_GAIN) * sought.outside
+            if left < sought.outside:
+                best, sought.outside = newest, left
+            if slow:
+                break
+        return best, sought
+
+    def _fitted(self) -> Steps[Fitted]:
+        """Fit patches over the base as it is, from the first cover to the last correction."""
+        yield Progress("Choosing the patches", 0.0)
         with self.watch.stage("cover"):
+            observed = self._observed()
             self.settings = self._adapted_settings(observed)
-            observed = yield from within(self._filled(observed), 0.05, 0.06)
+            observed = yield from within(self._filled(observed), 0.0, 0.02)
         with self.watch.stage("domains"):
             surface = self._covered(observed, self.settings)
         if not len(surface.patches):
             raise InputError("The base has no room for a patch: none of its triangles are connected.")
         if self.cloud.robust != "none":
             with self.watch.stage("solve"):
-                surface.observations = yield from within(self._weighed(surface), 0.06, 0.08)
+                surface.observations = yield from within(self._weighed(surface), 0.02, 0.05)
         test = partial(oscillating_in_cloud, planes=self.planes)
         with self.watch.stage("solve"):
-            end = SOLVE_ENDS if self.settings.sweeps else SWEEPS_END
-            hurry = yield from within(surface.fit(), SOLVE_STARTS, end)
+            end = SOLVE_ENDS if self.settings.sweeps else 1.0
+            self.hurry = yield from within(surface.fit(), 0.05, end)
             for _ in surface.refit_oscillating(test):
                 pass
         iterations = measured_iterations(surface.fits)
-        if not hurry:
+        if not self.hurry:
             with self.watch.stage("sweeps"):
-                yield from within(self._swept(surface, test), SOLVE_ENDS, SWEEPS_END)
-        yield Progress("Measuring", 0.95)
-        feet = surface.observations.cloud.feet
+                yield from within(self._swept(surface, test), SOLVE_ENDS, 1.0)
         with self.watch.stage("measure"):
-            copied = kept_near(surface, self.planes)
-        return self._result(surface, iterations, feet, copied)
+            return self._compared(surface, iterations)
+
+    def _compared(self, surface: CloudSurface, iterations: dict[str, list[float]]) -> Fitted:
+        """Keep the surface near the points, and find the place on it that is nearest to each."""
+        feet, count = surface.observations.cloud.feet, len(self.points)
+        start = Footpoints(feet.triangle[:count], feet.barycentric[:count])
+        copied = kept_near(surface, self.planes)
+        representation = surface.representation()
+        on_surface = representation.evaluate(start.triangle, start.barycentric)
+        parametric = np.linalg.norm(on_surface - self.points, axis=1)
+        feet, distance = nearest_on_surface(representation, self.mesh, self.points, start, MEASURING_STEPS)
+        return Fitted(surface, self.weights, feet, distance, parametric, iterations, copied)
 
     def _geometry(self) -> CloudGeometry:
         geometry = analyse(self.points)
@@ -231,11 +273,11 @@ class _Work:
 
     def _adapted_settings(self, observed: ObservedCloud) -> Settings:
         """Patch radius and iterations as the noise allows."""
-        ring = self.cloud.ring or ring_for_noise(self.mesh, observed, self.geometry, self.settings, self.runner)
+        ring = self.cloud.ring or ring_for_noise(self.mesh, observed, self.geometry, self.asked, self.runner)
         reach = ring * float(np.linalg.norm(np.diff(self.mesh.vertices[self.mesh.edges], axis=1), axis=2).mean())
-        iterations = iterations_for_noise(self.settings, self.geometry.noise / reach)
-        sweeps = max(self.settings.sweeps, self.cloud.corrections)
-        return replace(self.settings, ring=ring, iterations=iterations, sweeps=sweeps)
+        iterations = iterations_for_noise(self.asked, self.geometry.noise / reach)
+        sweeps = max(self.asked.sweeps, self.cloud.corrections)
+        return replace(self.asked, ring=ring, iterations=iterations, sweeps=sweeps)
 
     def _covered(self, observed: ObservedCloud, settings: Settings) -> CloudSurface:
         return PatchedSurface.covering(self.mesh, observer(self.mesh, settings, observed), settings, self.runner)
@@ -297,67 +339,3 @@ class _Work:
         )
         moved = cloud.moved(feet, cloud.weights)
         return moved if self.cloud.robust == "none" else self._weighted(moved, distance[: len(self.points)])
-
-    def _result(
-        self, surface: CloudSurface, iterations: dict[str, list[float]], feet: Footpoints, copied: int
-    ) -> Reconstruction:
-        representation = surface.representation()
-        with self.watch.stage("measure"):
-            count = len(self.points)
-            start = Footpoints(feet.triangle[:count], feet.barycentric[:count])
-            on_surface = representation.evaluate(start.triangle, start.barycentric)
-            parametric = np.linalg.norm(on_surface - self.points, axis=1)
-            feet, distance = nearest_on_surface(representation, self.mesh, self.points, start, MEASURING_STEPS)
-            size = float(np.ptp(self.points, axis=0).max())
-            deviation = Deviation(parametric, distance, self._normal_error(representation, feet), size)
-            flipped = flipped_triangles(*domain_jacobians(representation))
-            vertices = representation.at_vertices()
-        report = measure(
-            surface,
-            representation,
-            deviation,
-            self.watch,
-            flipped_triangles=flipped,
-            passed_through_vertices=int(surface.patches.passed_through.sum()),
-            vertices_reproduced=copied,
-            faces_turned=faces_turned(self.mesh.vertices, vertices, self.mesh.face_offsets, self.mesh.face_corners),
-            iterations=iterations,
-            counts={
-                **self.clean.counts(),
-                "spacing": self.geometry.spacing,
-                "noise": self.geometry.noise,
-                "crease_points": len(self._creases()),
-                "outliers": int((self.weights < OUTLIER_WEIGHT).sum()),
-            },
-            cloud=self.cloud.as_dict(),
-            cloud_distances=both_ways(representation, self.points, distance, self.geometry.spacing),
-        )
-        strays = self._strays(representation)
-        return Reconstruction(
-            vertices=vertices,
-            error=self.clean.of_rows(distance, strays[1]),
-            triangle=self.clean.of_rows(feet.triangle, strays[0].triangle),
-            barycentric=self.clean.of_rows(feet.barycentric, strays[0].barycentric),
-            weights=self.clean.of_rows(self.weights, np.zeros(len(self.clean.rows))),
-            used=self.clean.source >= 0,
-            measures=report,
-            representation=representation,
-        )
-
-    def _strays(self, representation: Representation) -> tuple[Footpoints, Array]:
-        """Nearest places, and distances, of the rows that are strays; zeros for all others."""
-        rows = self.clean.rows
-        triangle, barycentric, distance = np.zeros(len(rows), np.int64), np.zeros((len(rows), 3)), np.zeros(len(rows))
-        which = np.flatnonzero(self.clean.strays)
-        if len(which):
-            start = project(rows[which], self.mesh)
-            feet, distance[which] = nearest_on_surface(representation, self.mesh, rows[which], start, MEASURING_STEPS)
-            triangle[which], barycentric[which] = feet.triangle, feet.barycentric
-        return Footpoints(triangle, barycentric), distance
-
-    def _normal_error(self, representation: Representation, feet: Footpoints) -> float:
-        """Mean angle between the surface and the planes of the points' neighbours, degrees."""
-        normals, planes = representation.normals(feet.triangle, feet.barycentric), self.geometry.normals
-        beside = np.linalg.norm(np.cross(normals, planes), axis=1)
-        angle = np.arctan2(beside, np.abs((normals * planes).sum(axis=1)))
-        return float(np.degrees(angle).mean())

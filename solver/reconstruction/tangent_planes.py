@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
+from ..arrays import Array, Booleans
 from .geometry import CloudGeometry, spacings
 
 PLANES = 6
@@ -19,6 +19,12 @@ NOISE_LEVELS_OFF = 3.0
 """A surface leaves the cloud where it is farther from all planes around than the sum of this many spacings and this
 many noise levels."""
 
+SPIKE_SPACINGS = 1.0
+"""A surface that is farther from the planes than this many spacings, and as many noise levels as above, is a spike
+where its base is nearer."""
+
+NEARER = 0.5
+"""It is if the base's distance from the planes is less than this share of its own."""
 
 ROOM_SPACINGS = 2.0
 """A surface has run away where it is farther from its base, and from the nearest point, than this many spacings and as
@@ -34,6 +40,8 @@ class TangentPlanes:
         How far from both its base and the points a surface may be at least, scene units.
     tolerance
         Distance from the planes, scene units, above which a surface has left the cloud.
+    spike
+        The same where the base may take its place.
     """
 
     def __init__(self, points: Array, geometry: CloudGeometry) -> None:
@@ -44,6 +52,7 @@ class TangentPlanes:
         self._sparser = np.maximum(spacings(distance) - geometry.spacing, 0.0)
         self.room = ROOM_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
         self.tolerance = SPACINGS_OFF * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
+        self.spike = SPIKE_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
 
     def run_away(self, positions: Array, on_base: Array) -> Array:
         """How much too far positions (N, 3) are from the base, at (N, 3), and from the points, (N,).
@@ -57,6 +66,12 @@ class TangentPlanes:
         room = np.full(len(away), self.room)
         room[far] += ROOM_SPACINGS * self._sparser[self._tree.query(on_base[far])[1]]
         return np.maximum(away - room, 0.0)
+
+    def spikes(self, positions: Array, on_base: Array) -> Booleans:
+        """Which positions (N, 3) are far off the planes while the base, at (N, 3), is near them, (N,)."""
+        off = self.distance(positions)
+        room = self.spike + SPIKE_SPACINGS * self._sparser[self._tree.query(on_base)[1]]
+        return np.asarray((off > room) & (self.distance(on_base) < NEARER * off), dtype=np.bool_)
 
     def distance(self, positions: Array) -> Array:
         """Distance of positions (N, 3) from the nearest of the planes of the points around them, (N,)."""

@@ -173,7 +173,7 @@ def test_the_border_comes_back_to_the_points_and_the_inside_stays() -> None:
     mesh, _ = equilateral()
     shares = np.random.default_rng(3).dirichlet([1.0, 1.0, 1.0], (len(mesh.triangles), 300))
     points = 0.9 * np.einsum("tnk,tkd->tnd", shares, mesh.vertices[mesh.triangles]).reshape(-1, 3)
-    near = border_near_points(mesh, points, 0.1)
+    near = border_near_points(mesh, points, 0.05)
     inside = ~np.isin(np.arange(len(mesh.vertices)), mesh.node_vertex[mesh.border])
     np.testing.assert_array_equal(near.vertices[inside], mesh.vertices[inside])
     before, after = (cKDTree(points).query(of.vertices[~inside])[0] for of in (mesh, near))
