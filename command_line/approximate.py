@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.types import Object
+from numpy.typing import NDArray
 
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
 from ..operators.data.report_text import one_line
-from ..operators.data.results import create_result
+from ..operators.data.results import create_result, create_unmeasured
 from ..operators.files.meshes import named, read_meshes
 from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.approximation.parts import groups_of_parts, joined, taken_apart
@@ -23,7 +25,17 @@ from ..solver.progress import run_to_end
 from .arguments import PROGRAM
 from .console import console
 from .outputs import Made, asked_for, write_outputs
-from .progress import progress_display
+from .progress import LastSurface, progress_display
+
+UNMEASURED = "{}: There is not enough memory to measure the surface; '{}' has it, with nothing known of its errors."
+
+
+class Unmeasured(Exception):
+    """The memory ended when the surface was finished; `made` has pairs of source and result."""
+
+    def __init__(self, made: list[tuple[Object, Object]]) -> None:
+        super().__init__()
+        self.made = made
 
 
 def run(options: argparse.Namespace) -> int:
@@ -42,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     sources = named(read_meshes(options.input), options.object)
     made: list[Made] = []
     solved: dict[Any, Any] = {}
-    refused = 0
+    refused, unmeasured = 0, []
     waiting = _together(options, sources)
     while waiting:
         together = waiting.pop(0)
@@ -56,10 +68,15 @@ def run(options: argparse.Namespace) -> int:
                 continue
             refused += 1
             console.complain(f"{together[0].name}: {error}", PROGRAM)
+        except Unmeasured as left:
+            made += [Made(options.input, *pair, {}, None, **asked_for(options)) for pair in left.made]
+            unmeasured.append(together[0].name)
     if not made:
         raise InputError(f"None of the {len(sources)} meshes of '{options.input.name}' could be approximated.")
     write_outputs(options, made)
-    return int(bool(refused and options.strict))
+    for name in unmeasured:
+        console.complain(UNMEASURED.format(name, options.output), PROGRAM)
+    return int(bool(unmeasured or (refused and options.strict)))
 
 
 def _together(options: argparse.Namespace, sources: Sequence[Object]) -> list[list[Object]]:
@@ -101,8 +118,15 @@ def _approximated(options: argparse.Namespace, together: Sequence[Object], solve
     key = _shared(source, reads[0]) if len(together) == 1 else name
     outcome = solved.get(key)
     if outcome is None:
-        with progress_display(name) as show:
-            outcome = run_to_end(approximate_arrays(arrays, options.settings), show)
+        last = LastSurface()
+        try:
+            with progress_display(name) as show:
+                outcome = run_to_end(approximate_arrays(arrays, options.settings), last.noting(show))
+        except MemoryError:
+            if options.output is None or options.resample or not last.is_finished:
+                raise
+        if outcome is None:  # here, where no traceback holds what the solver had
+            raise Unmeasured(_placed(together, reads, last.vertices()))
     if source.data.users > 1:
         solved[key] = outcome
     whole = len(together) == 1
@@ -119,6 +143,16 @@ def _approximated(options: argparse.Namespace, together: Sequence[Object], solve
         kept = report, outcome.representation, options.resample
         made.append(Made(options.input, each, result, *kept, **asked_for(options), part=part))
     return made
+
+
+def _placed(
+    together: Sequence[Object], reads: Sequence[mesh_data.Source], vertices: NDArray[Any]
+) -> list[tuple[Object, Object]]:
+    """Return each object with one that has its part of the surface's vertices."""
+    ends = np.cumsum([len(read.arrays.vertices) for read in reads])[:-1]
+    parts = np.split(vertices, ends)
+    made = [create_unmeasured(bpy.context, read, part) for read, part in zip(reads, parts, strict=True)]
+    return list(zip(together, made, strict=True))
 
 
 def _of_parts(report: dict[str, Any], together: Sequence[Object]) -> dict[str, Any]:

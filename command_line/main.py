@@ -27,6 +27,11 @@ WITHOUT_BLENDER = ("approximate", "evaluate", "inspect")
 BLOCKS = ("block_size", "cluster", "resume")
 """Arguments with which a mesh is approximated in blocks."""
 
+NO_THREAD = "can't start new thread"
+"""What Python says, with an error of no kind of its own, where there is no memory for a thread's stack."""
+
+NO_MEMORY = "There is not enough memory for this mesh"
+
 NO_BENCHMARK = "The benchmark comes with the source code, not with the extension."
 
 
@@ -44,6 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(error, WRONG_USAGE)
     except (SparseSurfaceError, OSError, MemoryError) as error:
         return _refuse(error, REFUSED)
+    except RuntimeError as error:
+        if NO_THREAD not in str(error):
+            raise
+        return _refuse(MemoryError(str(error)), REFUSED)
     except KeyboardInterrupt:
         console.complain("cancelled", PROGRAM)
         return CANCELLED
@@ -74,6 +83,8 @@ def _refuse(error: BaseException, code: int) -> int:
         where = f" '{os.fspath(error.filename)}'" if error.filename else ""
         text = f"{error.strerror}{where}."
     else:
-        text = " ".join(str(error).split()) or "There is not enough memory for this mesh."
+        text = " ".join(str(error).split())
+    if isinstance(error, MemoryError) and "not enough memory" not in text:
+        text = f"{NO_MEMORY}{f' ({text[:1].lower()}{text[1:]})' if text else ''}."
     console.complain(text, PROGRAM)
     return code

@@ -182,7 +182,7 @@ def _write_report(path: Path, made: Sequence[Made]) -> None:
 
 def _figures(made: Sequence[Made]) -> dict[str, Any]:
     """Return the report of a result, or those of several by name."""
-    return made[0].report if len(made) == 1 else {each.source.name: each.report for each in made}
+    return made[0].report if len(made) == 1 else {each.source.name: each.report for each in made if each.report}
 
 
 def _write_representation(path: Path, made: Sequence[Made]) -> None:
@@ -277,7 +277,10 @@ def write_outputs(options: argparse.Namespace, made: Sequence[Made], outputs: Se
     for output in OUTPUTS if outputs is None else outputs:
         path = getattr(options, output.name)
         if path is not None:
-            wanted = [together[0] for together in _surfaces(made)] if output.whole else made
+            known = made if output is MESH else [each for each in made if each.report]
+            wanted = [together[0] for together in _surfaces(known)] if output.whole else known
+            if not wanted:
+                continue
             if not output.one_each or len(wanted) == 1:
                 output.write(path, wanted)
             else:

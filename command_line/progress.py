@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from ..solver.progress import Progress
 from .console import QUIET, console
@@ -14,6 +15,36 @@ try:
     from tqdm import tqdm
 except ImportError:  # Blender does not bring it
     tqdm = None
+
+
+FINISHED = ("Bounding the error", "Blending", "Measuring")
+"""Stages of the progress in which the surface does not change any more."""
+
+
+class LastSurface:
+    """The newest surface that a computation has reported."""
+
+    def __init__(self) -> None:
+        self._newest: Callable[[], Any] | None = None
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether there is one that only had to be measured."""
+        return self._newest is not None
+
+    def vertices(self) -> Any:
+        """Return its vertices, (V, 3)."""
+        return self._newest() if self._newest is not None else None
+
+    def noting(self, show: Callable[[Progress], None]) -> Callable[[Progress], None]:
+        """Return what shows progress by `show` and keeps the surface."""
+
+        def note(step: Progress) -> None:
+            if step.stage in FINISHED and step.surface is not None:
+                self._newest = step.surface
+            show(step)
+
+        return note
 
 
 @contextlib.contextmanager

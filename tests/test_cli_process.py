@@ -275,3 +275,60 @@ def test_a_stale_working_directory_reads_no_other_file(model: Path, scratch: dic
     assert done.returncode == 0, done.stderr
     heights = {line.split()[3] for line in out.read_text().splitlines() if line.startswith("v ")}
     assert heights == {"0.000000"}
+
+
+SQUEEZED = """
+import os, resource, sys
+from sparse_surface.command_line import progress
+stage, spare = {stage!r}, {spare}
+class Watching(progress._PlainLines):
+    def __call__(self, step):
+        super().__call__(step)
+        if step.stage == stage:
+            pages = int(open("/proc/self/statm").read().split()[0])
+            resource.setrlimit(resource.RLIMIT_AS, 2 * (pages * os.sysconf("SC_PAGE_SIZE") + spare,))
+progress._PlainLines = Watching
+from sparse_surface.command_line.main import main
+code = main(sys.argv[1:])
+sys.stdout.flush()
+os._exit(code)
+"""
+
+
+def squeezed(tmp_path: Path, stage: str, spare: int) -> subprocess.CompletedProcess[str]:
+    """Approximate a mesh of 40,000 vertices, with little memory to spare from a stage on."""
+    size = 200
+    x, y = (part.ravel() for part in np.meshgrid(*2 * [np.linspace(0.0, 1.0, size)], indexing="ij"))
+    points = np.stack([x, y, 0.1 * np.sin(9.0 * x) * np.cos(7.0 * y)], axis=1)
+    i = np.arange(size * size).reshape(size, size)
+    quads = np.stack([i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]], axis=2).reshape(-1, 4)
+    lines = [f"v {a:.6f} {b:.6f} {c:.6f}" for a, b, c in points]
+    lines += ["f " + " ".join(map(str, face + 1)) for face in quads]
+    (tmp_path / "wide.obj").write_text("\n".join(lines) + "\n")
+    code = SQUEEZED.format(stage=stage, spare=spare)
+    words = ["approximate", tmp_path / "wide.obj", "-o", tmp_path / "out.obj", "--report", tmp_path / "report.json"]
+    command = [sys.executable, "-c", code, *words, "--iterations", "2", "--sweeps", "0", "--workers", "1"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.parametrize("stage", ["Bounding the error", "Blending", "Measuring"])
+def test_a_finished_surface_is_written_where_memory_is_too_short_to_measure_it(tmp_path: Path, stage: str) -> None:
+    done = squeezed(tmp_path, stage, 6 << 20)
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("sparse_surface: wide: There is not enough memory to measure the surface; ")
+    before, after = (
+        np.array([line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")], dtype=float)
+        for path in (tmp_path / "wide.obj", tmp_path / "out.obj")
+    )
+    away = np.linalg.norm(after - before, axis=1)
+    assert 0.0 < away.max() < 1e-3
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_too_little_memory_to_fit_is_one_sentence(tmp_path: Path) -> None:
+    done = squeezed(tmp_path, "Parameterising patches", 1 << 20)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "not enough memory" in line
+    assert not (tmp_path / "out.obj").exists()

@@ -77,6 +77,14 @@ def create_result(
     return made
 
 
+def create_unmeasured(context: Context, source: Source, vertices: NDArray[np.floating[Any]]) -> Object:
+    """Make an object of a surface of which nothing but its vertices (V, 3) is known; raises as `create_result`."""
+    made_from, mesh = copy_source(source, context)
+    mesh.name = result_name(made_from.name)
+    set_positions(mesh, source.lengths.to_local(vertices))
+    return create_object(mesh.name, mesh, made_from, context, role=RESULT)
+
+
 def create_surface(
     context: Context, source: CloudSource, result: CloudOutcome, scale: ColourScale, *, replace: bool = False
 ) -> Object:

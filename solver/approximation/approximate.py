@@ -170,7 +170,8 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     if settings.tolerance and settings.blending == "partition" and not hurry:
         with watch.stage("refine"):
             kept = yield from within(keep_tolerance(surface), SWEEPS_END, 0.97)
-    hurry = (yield Progress("Bounding the error", 0.97)) == FINISH or hurry
+    request = yield Progress("Bounding the error", 0.97, surface=lambda: surface.representation().at_vertices())
+    hurry = hurry or request == FINISH
     with watch.stage("measure"):
         contained, bounds = _bounded(surface, inside, hurry)
         representation = surface.representation()

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from ..arrays import Array
 from ..atomic_files import atomic_output
+from ..errors import FileFormatError
 from . import files
 from .format.initial import initial_domains_of
 from .format.ordering import in_walking_order
@@ -23,7 +24,10 @@ class Saved:
         method = self.__dict__.get("initial")
         if name != "initial_domains" or not method:
             raise AttributeError(name)
-        self.__dict__[name] = found = initial_domains_of(self, method)
+        try:
+            self.__dict__[name] = found = initial_domains_of(self, method)
+        except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
+            raise FileFormatError("The representation has patches that are no disks; its file was changed.") from error
         return found
 
     @cached_property

@@ -8,6 +8,7 @@ import lzma
 import re
 import tracemalloc
 import zipfile
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -177,3 +178,14 @@ def test_sizes_that_would_fill_the_memory_are_refused(change: str) -> None:
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:
         tracemalloc.stop()
+
+
+def test_patches_that_are_no_disks_are_refused_in_a_sentence() -> None:
+    """The maps of forged patches are computed when they are asked for, long after the file was opened."""
+    surface = Representation.from_bytes(file("exact"))
+    triangles = surface.patch_triangles.copy()
+    triangles[: surface.triangle_offsets[1]] = triangles[0]
+    forged_surface = replace(surface, patch_triangles=triangles, initial="lscm")
+    del forged_surface.__dict__["initial_domains"]
+    with pytest.raises(FileFormatError, match="no disks"):
+        _ = forged_surface.initial_domains
