@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..solver.errors import InputError
-from . import accuracy, denoising, evaluation, measured, performance
+from . import accuracy, denoising, distances, evaluation, measured, performance
 from . import generated_models as models
 from .cases import Case
 from .tables import Table
@@ -43,6 +43,7 @@ PARTS: dict[str, tuple[Sequence[str], Callable[[Sequence[Case], Say], Result]]] 
     "ablation": (ABLATED, accuracy.ablation),
     "representation": (evaluation.MODELS, evaluation.run),
     "denoising": (ALL, denoising.run),
+    "distances": (ALL, distances.run),
 }
 """Parts of the benchmark: models that each takes, unless some are named, and what measures them."""
 

@@ -104,6 +104,15 @@ def _columns(name: str, column: str) -> Callable[[Tables], dict[str, float]]:
     return lambda tables: dict(zip(tables[name].column("model"), tables[name].numbers(column), strict=True))
 
 
+def _rms_beside_meshlab(tables: Tables) -> dict[str, float]:
+    largest: dict[str, float] = {}
+    table = tables["distances"]
+    rows = zip(table.column("model"), table.numbers("MeshLab: rms"), table.numbers("rms"), strict=True)
+    for model, theirs, ours in rows:
+        largest[model] = max(largest.get(model, 0.0), 100.0 * abs(theirs / ours - 1.0))
+    return largest
+
+
 def _percent(values: Callable[[Tables], Mapping[str, float]], less: float = 0.0) -> Any:
     return lambda tables: {model: 100.0 * (value - less) for model, value in values(tables).items()}
 
@@ -131,6 +140,7 @@ FIGURES = {
     "second worker, speed": Figure("times as fast", ("stages",), _ratio(_ONE, _TWO, "total", "total")),
     "growth": Figure("exponent of the number of vertices", ("sizes",), _growth, 2),
     "libraries, time": Figure("times the time", ("libraries",), _columns("libraries", "times faster")),
+    "distances, rms": Figure("% from MeshLab's", ("distances",), _rms_beside_meshlab, 1),
     "million points": Figure("units", ("representation",), _columns("representation", "points, units"), 0),
     "million normals": Figure("units", ("representation",), _columns("representation", "normals, units"), 0),
 }

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sparse_surface.benchmarks import accuracy, denoising, evaluation
+from scipy.spatial import cKDTree
+from sparse_surface.benchmarks import accuracy, denoising, distances, evaluation
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
@@ -154,3 +155,49 @@ def test_what_cannot_be_measured_is_refused(tmp_path: Path) -> None:
         assert done.returncode in (1, 2)
         assert said in done.stderr
         assert "Traceback" not in done.stderr
+
+
+class MeshLabByHand:
+    """Stands in for the package pymeshlab: distances from places of a fine lattice, to places of another."""
+
+    class Mesh:
+        def __init__(self, vertices, triangles) -> None:
+            self.corners = vertices[triangles]
+
+    class PercentageValue:
+        def __init__(self, value: float) -> None:
+            assert 0.0 <= value <= 100.0
+
+    class MeshSet:
+        def __init__(self) -> None:
+            self.meshes: list[Any] = []
+
+        def add_mesh(self, mesh) -> None:
+            self.meshes.append(mesh)
+
+        def get_hausdorff_distance(self, sampledmesh: int, targetmesh: int, **_) -> dict[str, float]:
+            steps = np.array([(a, b, 6 - a - b) for a in range(7) for b in range(7 - a)]) / 6.0
+            one, other = ((steps @ self.meshes[k].corners).reshape(-1, 3) for k in (sampledmesh, targetmesh))
+            found = cKDTree(other).query(one)[0]
+            return {"max": float(found.max()), "RMS": float(np.sqrt((found**2).mean()))}
+
+
+def test_distances_stand_beside_those_of_another_program(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", MeshLabByHand)
+    tables, values = distances.run([Case("lens", size=12)], lambda _: None)
+    assert [(each["change"], each["direction"]) for each in values] == [
+        (change, direction) for change in ("noise", "approximated", "turned") for direction in ("there", "back")
+    ]
+    lattice = 0.05  # the lattice's own width, in scene units
+    for each in values:
+        assert abs(each["lab_max"] - each["max"]) < lattice
+        assert each["max"] <= each["bound"]
+        assert each["rms"] <= each["lab_rms"] + 1e-3 < each["rms"] + lattice
+    assert tables["distances"].column("direction") == ["there", "back"] * 3
+
+
+def test_without_the_other_program_there_is_nothing_to_compare(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    said: list[str] = []
+    assert distances.run([Case("lens", size=12)], said.append) == ({}, None)
+    assert "pymeshlab" in said[0]
