@@ -86,6 +86,7 @@ def warnings(report: Report, length: Length = plain) -> list[str]:
         _uncut(report),
         _far_from_points(report, length),
         _outside(report, length),
+        _layered(report),
     ]
     return [sentence for sentence in said if sentence]
 
@@ -138,6 +139,11 @@ def _outside(report: Report, length: Length) -> str:
     sought = report.get("tolerance", {})
     text = translate("{} points are farther from the surface than {}")
     return text.format(sought["points_outside"], length(sought["requested"])) if sought.get("points_outside") else ""
+
+
+def _layered(report: Report) -> str:
+    text = translate("the points lie in two layers: what is thinner than they are apart became one sheet")
+    return text if report["input"].get("layered") else ""
 
 
 def _share(length: float, size: float) -> str:

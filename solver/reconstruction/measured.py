@@ -21,6 +21,10 @@ from .geometry import CloudGeometry
 from .refined import COUNTED, Fitted, ToleranceSought
 from .result import Reconstruction
 
+LAYERED, FAR_APART = 1.5, 0.2
+"""Points lie in two layers when the kurtosis of their signed distances from the surface is below the first (of two
+layers it is 1, of evenly spread ones 1.8, of normal noise 3) and their rms above this share of the spacing."""
+
 MEASURING_STEPS = 5
 """Steps towards the nearest point of the surface when errors are measured."""
 
@@ -77,7 +81,17 @@ def _counts(fitted: Fitted, clean: CleanCloud, geometry: CloudGeometry, cloud: C
         "noise": geometry.noise,
         "crease_points": len(geometry.creases) if cloud.creases else 0,
         "outliers": int((fitted.weights < COUNTED).sum()),
+        "layered": _is_layered(fitted, clean.points, geometry.spacing),
     }
+
+
+def _is_layered(fitted: Fitted, points: Array, spacing: float) -> bool:
+    """Whether the surface runs between two layers of points (P, 3): a thin part that became one sheet."""
+    representation, feet = fitted.surface.representation(), fitted.feet
+    offset = points - representation.evaluate(feet.triangle, feet.barycentric)
+    height = (offset * representation.normals(feet.triangle, feet.barycentric)).sum(axis=1)
+    variance = float(np.mean(height**2))
+    return variance > (FAR_APART * spacing) ** 2 and float(np.mean(height**4)) < LAYERED * variance**2
 
 
 def _strays(fitted: Fitted, clean: CleanCloud) -> tuple[Footpoints, Array]:

@@ -51,6 +51,10 @@ CORRECTION_STEPS = 2
 FIRST_FIT_ENDS = 0.3
 """Share of a run with a tolerance after which the base is refined."""
 
+NOISY, STRAY_LEVELS = 0.05, 5.0
+"""With noise above this share of the spacing, points of a cloud with strays are left out of corrections where they are
+farther from the surface than this many noise levels."""
+
 COARSER = 2
 """The coarse fit that fills places without points has rings larger by this."""
 
@@ -314,6 +318,8 @@ class _Work:
 
     def _robust(self, distance: Array) -> Array:
         scale = max(spread(distance), self.geometry.noise, SMALLEST_SCALE * self.geometry.spacing)
+        if self.cloud.robust == "none":
+            return np.where(distance > STRAY_LEVELS * scale, 0.0, 1.0)
         return robust_weights(distance, self.cloud.robust, scale)
 
     def _swept(self, surface: CloudSurface, test: OscillationTest[CloudObservations]) -> Steps[None]:
@@ -338,4 +344,10 @@ class _Work:
             surface.representation(), self.mesh, cloud.points, cloud.feet, CORRECTION_STEPS
         )
         moved = cloud.moved(feet, cloud.weights)
-        return moved if self.cloud.robust == "none" else self._weighted(moved, distance[: len(self.points)])
+        if self.cloud.robust == "none" and not self._has_hidden_strays():
+            return moved
+        return self._weighted(moved, distance[: len(self.points)])
+
+    def _has_hidden_strays(self) -> bool:
+        """Whether strays may lie among the points: in noise those near the surface do not stand out before a fit."""
+        return bool(self.clean.strays.any()) and self.geometry.noise > NOISY * self.geometry.spacing
