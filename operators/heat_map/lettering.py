@@ -1,58 +1,60 @@
-"""Captions and the legend of a picture: whatever stands flat before the objects."""
+"""Captions and the legend of a picture: whatever stands flat before the objects, drawn when these are rendered."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
 import numpy as np
-from bpy.types import Object, Scene
+from bpy.types import Mesh
 from numpy.typing import NDArray
 
-from ..data.attributes import put
-from ..data.colours import ColourScale, ramp, srgb_to_linear
-from .scene import View, add_object, dull_material
+from ..data.colours import ColourScale, linear_to_srgb, ramp, srgb_to_linear
+from ..data.meshes import read_positions
+from .raster import Shape
 
 LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y = 6.4, 0.2, -3.75
 """In the units of the picture."""
-
-LETTERING_DISTANCE = 30.0
-"""Distance of captions and legend before the objects: nearer than any ground, so that nothing hides them."""
 
 INK = (0.02, 0.02, 0.02)
 
 
 @dataclass(frozen=True)
 class Lettering:
-    """Writes into a scene, in the units of the picture."""
+    """Collects shapes, in the units of the picture."""
 
-    scene: Scene
-    view: View
+    shapes: list[Shape] = field(default_factory=list)
 
     def write(self, text: str, x: float, y: float, size: float, align: str = "CENTER") -> None:
         """Write a line of text at (x, y)."""
         curve = bpy.data.curves.new("Text", "FONT")
         curve.body, curve.size, curve.align_x = text, size, align
-        curve.materials.append(dull_material("Ink", INK, shine=1.0))
-        self._hide_from_light(add_object(self.scene, "Text", curve, self.view.matrix(x, y, LETTERING_DISTANCE)))
+        made = bpy.data.objects.new("Text", curve)
+        mesh = bpy.data.meshes.new_from_object(made)
+        self._add(_flat_triangles(mesh) + np.array([x, y]), INK)
+        bpy.data.objects.remove(made)
+        bpy.data.meshes.remove(mesh)
+        bpy.data.curves.remove(curve)
 
     def strip(self, colours: NDArray[np.floating[Any]], length: float, thickness: float, y: float) -> None:
         """Lay equal fields of the linear colours (n, 3) side by side."""
-        count = len(colours)
-        x = np.linspace(-length / 2, length / 2, count + 1)
-        corners = [(at, side, 0.0) for at in x for side in (-thickness / 2, thickness / 2)]
-        mesh = bpy.data.meshes.new("Scale")
-        mesh.from_pydata(corners, [], [(2 * k, 2 * k + 2, 2 * k + 3, 2 * k + 1) for k in range(count)])
-        rgba = np.ones((count, 4, 4), dtype=np.float32)
-        rgba[..., :3] = np.asarray(colours)[:, None, :]
-        put(mesh.color_attributes.new("colour", "FLOAT_COLOR", "CORNER").data, "color", rgba)
-        mesh.materials.append(dull_material("Scale", INK, attribute="colour", shine=1.0))
-        self._hide_from_light(add_object(self.scene, "Scale", mesh, self.view.matrix(0.0, y, LETTERING_DISTANCE)))
+        ends = np.linspace(-length / 2, length / 2, len(colours) + 1)
+        low, high, right = y - thickness / 2, y + thickness / 2, length / 2
+        for colour, left in zip(colours, ends[:-1], strict=True):  # each over the end of the one before: no gaps
+            corners = np.array([(left, low), (right, low), (right, high), (left, high)])
+            self._add(corners[[[0, 1, 2], [0, 2, 3]]], colour)
 
-    @staticmethod
-    def _hide_from_light(made: Object) -> None:
-        made.visible_shadow = made.visible_diffuse = made.visible_glossy = False
+    def _add(self, triangles: NDArray[Any], colour: Sequence[float] | NDArray[Any]) -> None:
+        self.shapes.append(Shape(triangles, linear_to_srgb(np.asarray(colour, dtype=np.float64)[:3])))
+
+
+def _flat_triangles(mesh: Mesh) -> NDArray[np.float64]:
+    """Triangles of a flat mesh, (n, 3, 2)."""
+    mesh.calc_loop_triangles()
+    corners = np.array([triangle.vertices for triangle in mesh.loop_triangles], dtype=np.int64).reshape(-1, 3)
+    return read_positions(mesh).astype(np.float64)[:, :2][corners]
 
 
 def add_legend(letter: Lettering, scale: ColourScale) -> None:

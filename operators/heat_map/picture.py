@@ -85,14 +85,14 @@ def render_heatmap(
         for (found, material), x in zip(shown, _cell_centres(len(shown)), strict=True):
             _place(scene, found, material, fit, view.matrix(x, CELL_HEIGHT).translation)
         add_ground(scene, fit.ground + (view.up * CELL_HEIGHT).z)
-        letter = Lettering(scene, view)
+        letter = Lettering()
         if source is not None:
             letter.write(title or source.name, _cell_centres(2)[0], 3.95, 0.36)
         letter.write(caption, _cell_centres(len(shown))[-1], 3.95, 0.36)
         add_legend(letter, ColourScale(*result[SCALE]))
         report = read_report(result)
         letter.write(quality(report) if report is not None else "", 0.0, -2.95, 0.26)
-        render_png(scene, picture)
+        render_png(scene, picture, letter.shapes)
 
 
 def _cell_centres(count: int) -> list[float]:

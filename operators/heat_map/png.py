@@ -5,24 +5,40 @@ from __future__ import annotations
 import os
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.types import Scene
 
 from ...solver.atomic_files import atomic_output
+from .raster import Shape, draw
 
 
-def render_png(scene: Scene, picture: Path) -> None:
-    """Render to a file that appears when it is complete."""
+def render_png(scene: Scene, picture: Path, over: Sequence[Shape] = ()) -> None:
+    """Render to a file that appears when it is complete, with flat shapes drawn over what was rendered."""
     with atomic_output(picture, silent_writer=True) as draft:
         scene.render.filepath = str(draft)
         scene.render.use_file_extension = False
         with _quiet():
             bpy.ops.render.render(write_still=True, scene=scene.name)
+        _draw_over(draft, over)
         draft.write_bytes(without_texts(draft.read_bytes()))
+
+
+def _draw_over(file: Path, shapes: Sequence[Shape]) -> None:
+    if not shapes:
+        return
+    image = bpy.data.images.load(str(file))
+    width, height = image.size
+    values = np.empty(width * height * 4, dtype=np.float32)
+    image.pixels.foreach_get(values)
+    draw(values.reshape(height, width, 4), shapes)
+    image.pixels.foreach_set(values)
+    image.save()
+    bpy.data.images.remove(image)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ Colour = tuple[float, float, float]
 WIDTH, HEIGHT = 16.0, 9.0
 
 GROUND = (0.92, 0.92, 0.93)
-SAMPLES = 8
+SAMPLES = 4
 SAMPLES_WITHOUT_DENOISER = 64
 
 
@@ -78,6 +78,8 @@ def set_up_rendering(scene: Scene, view: View, width: int) -> None:
     cycles.device, cycles.seed = "CPU", 0
     cycles.use_denoising = _has_denoiser()
     cycles.samples = SAMPLES if cycles.use_denoising else SAMPLES_WITHOUT_DENOISER
+    if hasattr(cycles, "denoising_quality"):
+        cycles.denoising_quality = "FAST"  # a third of the time, and no difference is seen
     cycles.denoising_input_passes = "RGB"  # the other passes are noisy at few samples and make edges ragged
     cycles.max_bounces, cycles.use_light_tree = 1, False
     camera = bpy.data.cameras.new("Camera")
@@ -98,6 +100,7 @@ def add_light(scene: Scene, view: View) -> None:
     background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
     background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     background.inputs["Strength"].default_value = 0.75
+    world.cycles.sampling_method = "NONE"  # every ray that leaves the scene meets the same white
     scene.world = world
     sun = bpy.data.lights.new("Sun", "SUN")
     sun.energy, sun.angle = 1.7, np.radians(25.0)

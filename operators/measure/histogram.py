@@ -34,7 +34,7 @@ def render_histogram(measured: Distances, title: str, picture: Path) -> None:
         view = View.three_quarter()
         set_up_rendering(scene, view, 1200)
         add_light(scene, view)
-        letter = Lettering(scene, view)
+        letter = Lettering()
         x = np.linspace(-WIDTH / 2, WIDTH / 2, len(counts) + 1)
         gap = 0.05 * WIDTH / len(counts)
         corners = []
@@ -51,4 +51,4 @@ def render_histogram(measured: Distances, title: str, picture: Path) -> None:
         for place in (-0.5, 0.0, 0.5):
             letter.write(f"{low + (place + 0.5) * (high - low):.3g}", place * WIDTH, BOTTOM - 0.5, 0.3)
         letter.write("distance in scene units; each bar's height is a share of the area", 0.0, BOTTOM - 1.1, 0.24)
-        render_png(scene, picture)
+        render_png(scene, picture, letter.shapes)

@@ -11,6 +11,7 @@ from bl_ext.user_default.sparse_surface.operators.data.results import write_erro
 from bl_ext.user_default.sparse_surface.operators.heat_map import png
 from bl_ext.user_default.sparse_surface.operators.heat_map.lettering import LEGEND_LENGTH, LEGEND_Y
 from bl_ext.user_default.sparse_surface.operators.heat_map.picture import render_heatmap
+from bl_ext.user_default.sparse_surface.operators.heat_map.raster import Shape, draw
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 
 WIDTH = 320
@@ -123,3 +124,25 @@ def test_object_without_heat_map_is_refused(tmp_path):
     with pytest.raises(InputError, match="no heat map"):
         render_heatmap(bpy.context.object, tmp_path / "none.png")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_shapes_cover_their_share_of_each_pixel():
+    """Against areas: of a triangle over many pixels, and of rectangles that cut pixels in parts."""
+    picture = np.ones((90, 160, 4))
+    corners = np.array([[-3.3, -2.1], [4.9, -1.2], [0.7, 3.4]])
+    draw(picture, [Shape(corners[None], np.zeros(3))])
+    drawn = (1.0 - picture[..., :3]).mean(axis=2).sum() / 100.0  # a unit is ten pixels wide
+    (x, y), (u, v) = corners[1] - corners[0], corners[2] - corners[0]
+    assert drawn == pytest.approx(abs(x * v - y * u) / 2, rel=2e-3)
+    assert picture[..., 3].min() == 1.0
+    flipped = np.ones((90, 160, 4))
+    draw(flipped, [Shape(corners[None, ::-1], np.zeros(3))])
+    assert np.array_equal(flipped, picture)
+    square = np.array([[0.0, 0.0], [0.15, 0.0], [0.15, 0.1], [0.0, 0.1]])[[[0, 1, 2], [0, 2, 3]]]
+    picture = np.ones((90, 160, 4))
+    draw(picture, [Shape(square, np.array([1.0, 0.5, 0.0]))])
+    assert picture[45, 80, :3] == pytest.approx([1.0, 0.5, 0.0])
+    assert picture[45, 81, :3] == pytest.approx([1.0, 0.75, 0.5])
+    assert picture[45, 82, :3] == pytest.approx(1.0)
+    draw(picture, [Shape(square + 100.0, np.zeros(3)), Shape(np.zeros((0, 3, 2)), np.zeros(3))])  # nothing to see
+    assert picture[45, 80, :3] == pytest.approx([1.0, 0.5, 0.0])
