@@ -165,7 +165,8 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     written = fine or [each.result for each in made]
     # A scene holds both; what distances were measured to is no source.
     models = [each.source for each in made if each.measured is None and path.suffix != ".blend"]
-    write_meshes(path, written, made[0].error_colours, models)
+    source = made[0].input if models and not fine else None
+    write_meshes(path, written, made[0].error_colours, models, source)
 
 
 def _surfaces(made: Sequence[Made]) -> list[list[Made]]:

@@ -34,7 +34,8 @@ def _approximate(options: argparse.Namespace) -> None:
     with progress_display(name) as show:
         found = run_to_end(approximate_steps(vertices, mesh.polygons(), options.settings), show)
     if options.output is not None:
-        write_plain(options.output, _written(mesh, found, options.resample))
+        source = None if options.resample else options.input
+        write_plain(options.output, _written(mesh, found, options.resample), source)
     if options.report is not None:
         write_json(options.report, found.report)
     if options.representation is not None:

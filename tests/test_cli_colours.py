@@ -141,3 +141,34 @@ def test_colours_of_an_obj_file_stay(tmp_path: Path) -> None:
     rows = [line.split()[1:] for line in out.read_text().splitlines() if line.startswith("v ")]
     stored = np.array(rows, dtype=float)[:, 3:]
     assert np.allclose(stored * 255.0, colours(), atol=0.1)
+
+
+@pytest.mark.parametrize("blender", [True, False])
+def test_header_and_triangle_colours_of_a_binary_stl_stay(tmp_path: Path, blender: bool) -> None:
+    size = 12
+    x, y = np.meshgrid(*2 * [np.linspace(0.0, 30.0, size)], indexing="ij")
+    points = np.stack([x, y, 4.0 * np.sin(x / 7.0)], axis=-1).reshape(-1, 3)
+    i = np.arange(size * size).reshape(size, size)
+    quads = np.stack([i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]], axis=2).reshape(-1, 4)
+    triangles = points[quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)].astype("<f4")
+    row = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    content = np.zeros(len(triangles), row)
+    content["corners"], content["colour"] = triangles, 0x8000 | np.arange(len(triangles))
+    header = b"COLOR=\xff\x40\x00\xff units=mm".ljust(80)
+    path, out = tmp_path / "part.stl", tmp_path / "out.stl"
+    path.write_bytes(header + np.uint32(len(content)).tobytes() + content.tobytes())
+    hide = "" if blender else "u.find_spec = lambda name, *rest: None if name == 'bpy' else plain(name, *rest)\n"
+    code = (
+        f"import sys, os, importlib.util as u; plain = u.find_spec\n{hide}"
+        "from sparse_surface.command_line.main import main\ncode = main(sys.argv[1:])\n"
+        "sys.stdout.flush(); os._exit(code)"
+    )
+    words = ["approximate", path, "-o", out, "--iterations", "2", "--workers", "1"]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    written = out.read_bytes()
+    assert written[:80] == header
+    found = np.frombuffer(written, row, offset=84)
+    assert np.array_equal(found["colour"], content["colour"])
+    away = np.linalg.norm(found["corners"] - triangles, axis=2)
+    assert 0.0 < away.max() < 1.0

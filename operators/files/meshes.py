@@ -22,6 +22,7 @@ from .formats import BY_ENDING, ONLY_PLAIN, READABLE, WRITABLE, Format
 from .plain import PlainMesh, read_plain, write_plain
 from .shifted import give_back_shift
 from .stand_ins import placing, standing_in
+from .stl import carry_marks
 
 
 def read_meshes(path: Path) -> list[Object]:
@@ -75,7 +76,11 @@ def named(objects: Sequence[Object], name: str | None) -> list[Object]:
 
 
 def write_meshes(
-    path: Path, objects: Sequence[Object], error_colours: str = "replace", models: Sequence[Object] = ()
+    path: Path,
+    objects: Sequence[Object],
+    error_colours: str = "replace",
+    models: Sequence[Object] = (),
+    source: Path | None = None,
 ) -> None:
     """Write these objects, or for a .blend file everything, into a file; it appears when it is complete.
 
@@ -85,6 +90,8 @@ def write_meshes(
         One of `ERROR_COLOURS`.
     models
         Objects whose names and places in the hierarchy these have in the file, if each has one.
+    source
+        The file that these have the triangles of, whose marks on them they keep (see `stl`).
 
     Raises
     ------
@@ -113,6 +120,7 @@ def write_meshes(
         shift = next((np.array(each[SHIFT]) for each in objects if SHIFT in each), None)
         if shift is not None:
             give_back_shift(draft, path.suffix.lower(), shift)
+        carry_marks(source, draft)
 
 
 def _plain_object(path: Path, points: bool) -> Object:

@@ -15,6 +15,7 @@ from ...solver.atomic_files import atomic_output
 from ...solver.errors import FileFormatError, InputError
 from ...solver.mesh.objects import given_mesh
 from .formats import PLAIN, missing_library
+from .stl import carry_marks
 
 ARRAYS = ".npz"
 
@@ -58,8 +59,8 @@ def read_plain(path: Path, *, points: bool = False) -> PlainMesh:
     return found
 
 
-def write_plain(path: Path, mesh: PlainMesh) -> None:
-    """Write a file; it appears when it is complete.
+def write_plain(path: Path, mesh: PlainMesh, source: Path | None = None) -> None:
+    """Write a file; it appears when it is complete.  It keeps what `source` says of the triangles (see `stl`).
 
     Raises
     ------
@@ -81,6 +82,7 @@ def write_plain(path: Path, mesh: PlainMesh) -> None:
             raise
         except Exception as error:  # these libraries raise anything
             raise FileFormatError(f"'{path.name}' cannot be written: {_first_line(error)}.") from error
+        carry_marks(source, draft)
 
 
 def _read_arrays(path: Path) -> PlainMesh:
@@ -131,7 +133,9 @@ def _of_rows(points: Any, rows: list[NDArray[Any]], values: Mapping[str, Any] | 
 
 
 def _write_by_meshio(meshio: Any, path: Path, mesh: PlainMesh) -> None:
-    _meshio_format(path).write(path, _for_meshio(meshio, mesh, path.suffix.lower()))
+    ending = path.suffix.lower()
+    how = {"binary": True} if ending == ".stl" else {}  # a fifth of the text's size, and as other programs write it
+    _meshio_format(path).write(path, _for_meshio(meshio, mesh, ending), **how)
 
 
 def _write_by_trimesh(trimesh: Any, path: Path, mesh: PlainMesh) -> None:
