@@ -26,7 +26,7 @@ where its base is nearer."""
 NEARER = 0.5
 """It is if the base's distance from the planes is less than this share of its own."""
 
-ROOM_SPACINGS = 2.0
+ROOM_SPACINGS = 1.5
 """A surface has run away where it is farther from its base, and from the nearest point, than this many spacings and as
 many noise levels as above."""
 
@@ -48,8 +48,10 @@ class TangentPlanes:
         """Take the points (P, 3) that `geometry` was taken from."""
         self._points, self._normals = points, geometry.normals
         self._tree = cKDTree(points)
-        distance = self._tree.query(points, k=min(NEIGHBOURS, len(points)))[0]
-        self._sparser = np.maximum(spacings(distance) - geometry.spacing, 0.0)
+        distance, near = self._tree.query(points, k=min(NEIGHBOURS, len(points)))
+        # on a border points have neighbours on one side only, and seem sparser than those beside them
+        own = spacings(distance)[near].min(axis=1)
+        self._sparser = np.maximum(own - geometry.spacing, 0.0)
         self.room = ROOM_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
         self.tolerance = SPACINGS_OFF * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
         self.spike = SPIKE_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from sparse_surface.solver import CloudSettings, Settings, reconstruct
+from sparse_surface.solver import CloudSettings, Settings, reconstruct, run_to_end
+from sparse_surface.solver.interchange import CloudArrays
+from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
 
 
 def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -48,3 +50,23 @@ def test_slivers_at_the_border_of_a_base_throw_no_spikes(points, eared_base, fit
     away = cKDTree(points).query(on_surface)[0]
     assert away.max() < 2.0
     assert result.report["surface_to_points"]["max"] == pytest.approx(away.max(), rel=0.15)
+
+
+def test_corners_of_borders_do_not_run_out_along_their_planes() -> None:
+    # a floor and three walls: at free corners points have neighbours on one side only, which must not look sparse
+    random = np.random.default_rng(0)
+    which, u = random.integers(0, 4, 6000), random.uniform(0.0, 1.0, (6000, 2))
+    zero = np.zeros(6000)
+    sides = [
+        np.column_stack([u, zero]),
+        np.column_stack([u[:, 0], zero, u[:, 1]]),
+        np.column_stack([zero, u]),
+        np.column_stack([u[:, 0], zero + 1.0, u[:, 1]]),
+    ]
+    points = np.stack(sides)[which, np.arange(6000)]
+    outcome = run_to_end(reconstruct_arrays(CloudArrays.of_points(points, CloudSettings()), Settings(workers=1)))
+    vertices = outcome.vertices.astype(np.float64)
+    inside = vertices.clip(0.0, 1.0)
+    off = np.minimum(np.minimum(inside[:, 0], inside[:, 2]), np.minimum(inside[:, 1], 1.0 - inside[:, 1]))
+    assert np.hypot(np.linalg.norm(vertices - inside, axis=1), off).max() < 0.03
+    assert outcome.report["euler"] == 1
