@@ -19,6 +19,7 @@ from paper_figures.shots import BUFF, Shown, View, error_colours, shoot
 from sparse_surface.benchmarks.denoising import closeness, with_noise
 from sparse_surface.operators.data.colours import ColourScale, linear_to_srgb, srgb_to_linear
 from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver.mesh.sampling import triangle_grid
 from sparse_surface.solver.surface.inspection import patch_energy, patch_sheet, patch_terms
 from sparse_surface.solver.surface.resampling import resample
 
@@ -30,6 +31,8 @@ CAMERA = View(azimuth=200.0, elevation=15.0, up="Y")
 SIZE = (520, 440)
 PATCH = 20
 DOTS = 100
+REFLECTED_SPLITS = 6
+STRIPES = 14.0
 
 
 def denoise(path: Path) -> None:
@@ -146,6 +149,49 @@ def resampled(path: Path) -> None:
     _save(figure, path)
 
 
+def creases(path: Path) -> None:
+    """Stripes that a part of fandisk reflects: its mesh, and its surface without and with cuts along creases."""
+    vertices, triangles = read_mesh(SHARED / "fandisk.obj")
+    middle, radius = np.quantile(vertices, 0.5, axis=0), 0.22 * np.ptp(vertices, axis=0).max()
+    middle = vertices[np.argmin(np.linalg.norm(vertices - middle, axis=1))]
+    distance = np.linalg.norm(vertices - middle, axis=1)
+    face = np.flatnonzero(distance[triangles].min(axis=1) < 2.0 * radius)
+    grid = triangle_grid(REFLECTED_SPLITS)
+    inside, each = np.tile(grid, (len(face), 1)), np.repeat(face, len(grid))
+    faces = (_face_grid(REFLECTED_SPLITS)[None] + len(grid) * np.arange(len(face))[:, None, None]).reshape(-1, 3)
+    figure, axes = plt.subplots(1, 2, figsize=(13.0, 5.4), layout="constrained")
+    titles = "patches over the creases", "cut along the creases"
+    for axis, mode, title in zip(axes, ("off", "auto"), titles, strict=True):
+        surface = approximate(vertices, triangles, Settings(creases=mode)).representation
+        shown = Shown(surface.evaluate(each, inside), faces, _stripes(surface.normals(each, inside), FANDISK))
+        picture = shoot([shown], FANDISK, size=(640, 540), frame=vertices[distance < radius])
+        _show(axis, picture, title)
+    _save(figure, path)
+
+
+def _face_grid(splits: int) -> NDArray[np.int64]:
+    """Triangles between the points of `triangle_grid`, (splits^2, 3)."""
+    grid = np.rint(splits * triangle_grid(splits)[:, 1:]).astype(np.int64)
+    number = {(int(i), int(j)): n for n, (i, j) in enumerate(grid)}
+    found = []
+    for i, j in number:
+        if i + j < splits:
+            found.append([number[i, j], number[i + 1, j], number[i, j + 1]])
+        if i + j < splits - 1:
+            found.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+    return np.array(found)
+
+
+def _stripes(normals: Array, view: View) -> Array:
+    """Colours of what mirrors with these normals, (N, 3), show of black and white rings around the upright axis."""
+    right, up, out = (np.array(axis) for axis in view.axes())
+    if view.up == "Y":  # as `shoot` turns the meshes
+        normals = normals @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    mirrored = 2.0 * (normals @ out)[:, None] * normals - out
+    light = 0.5 + 0.5 * np.clip(6.0 * np.sin(STRIPES * (mirrored @ up) + 3.0 * (mirrored @ right)), -1.0, 1.0)
+    return np.repeat((0.08 + 0.82 * light)[:, None], 3, axis=1)
+
+
 def _by_corner(points: Array, triangles: NDArray[np.int64], colours: Array) -> Shown:
     """Take triangles apart, so that each has a colour of its own; `colours` of the corners, (3 T, 3) linear."""
     return Shown(points[triangles.ravel()], np.arange(triangles.size).reshape(-1, 3), colours)
@@ -185,5 +231,6 @@ REPRESENTATION_FIGURES: dict[str, Callable[[Path], None]] = {
     "inspect_patch": inspect,
     "compare_methods": compare,
     "resample": resampled,
+    "creases": creases,
 }
 """Name of a picture in docs/pictures -> what makes it, from the models of ../shared."""

@@ -74,13 +74,28 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
 
 def dihedrals(mesh: TriangleMesh) -> Array:
     """Angle between the two triangles of each edge, (E,), degrees; 0 on borders and beside triangles without area."""
+    known, one, other = _normals_beside(mesh)
+    angles = np.zeros(len(mesh.edges))
+    angles[known] = np.degrees(angle_between(one, other))
+    return angles
+
+
+def beside_sharp_edges(mesh: TriangleMesh, degrees: float) -> Booleans:
+    """Triangles beside edges that bend by more than an angle below 180 degrees, (T,)."""
+    known, one, other = _normals_beside(mesh)
+    sharp = np.flatnonzero(known)[np.einsum("nd,nd->n", one, other) < np.cos(np.radians(degrees))]
+    beside = np.zeros(len(mesh.triangles), dtype=bool)
+    beside[mesh.edge_triangles[sharp]] = True
+    return beside
+
+
+def _normals_beside(mesh: TriangleMesh) -> tuple[Booleans, Array, Array]:
+    """Which edges have two triangles with an area, (E,), and the normals of both, (n, 3)."""
     normals = face_normals(mesh.vertices, mesh.triangles)
     turned = normals * np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
     one, other = turned[mesh.edge_triangles].transpose(1, 0, 2)
     known = (mesh.edge_triangles[:, 1] >= 0) & one.any(axis=1) & other.any(axis=1)
-    angles = np.zeros(len(mesh.edges))
-    angles[known] = np.degrees(angle_between(one[known], other[known]))
-    return angles
+    return known, one[known], other[known]
 
 
 def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:

@@ -4,10 +4,9 @@
 
 static const double PLATEAU = 0.05; /* of patches/blending.py */
 
-/* Points inside the triangles of a patch. */
+/* Points inside triangles. */
 typedef struct {
     int64_t count;        /* points in each triangle */
-    double weight;        /* of each */
     const double *shares; /* (count, 3): barycentric coordinates */
     const int64_t *first; /* (T): number of a triangle's first point */
 } Inside;
@@ -20,7 +19,9 @@ typedef struct {
     const double *blending;                                         /* (M) */
     const double *vertex_weights; /* (V), or NULL for ones */
     const int64_t *overlap;       /* (T): patches of each triangle, which count alike; NULL where `blending` counts */
-    const uint8_t *dense;         /* (K): which of `inside` a patch has */
+    const uint8_t *dense, *closely; /* (K), (T): which of `inside` a patch has, and a triangle in every patch */
+    const double *node_weights;     /* (N): of vertices */
+    const double *inside_weights;   /* (K): of all points inside a triangle together */
     Inside inside[2];
 } Observed;
 
@@ -76,16 +77,18 @@ static void put_observation(const Observed *observed, const Gathered *own, int64
 static int64_t put_observations(const Observed *observed, const Gathered *own, int64_t patch) {
     static const double at_vertex[3] = {1.0, 0.0, 0.0};
     int64_t first_vertex = observed->vertex_offsets[patch], n = 0;
-    const Inside *inside = observed->inside + observed->dense[patch];
     for (int64_t v = first_vertex; v < observed->vertex_offsets[patch + 1]; v++, n++) {
         int64_t corners[3] = {n, n, n};
-        put_observation(observed, own, n, first_vertex, corners, at_vertex, observed->nodes[v], 1.0);
+        int64_t node = observed->nodes[v];
+        put_observation(observed, own, n, first_vertex, corners, at_vertex, node, observed->node_weights[node]);
     }
     for (int64_t t = observed->triangle_offsets[patch]; t < observed->triangle_offsets[patch + 1]; t++) {
         int64_t triangle = observed->mesh_triangles[t];
+        const Inside *inside = observed->inside + (observed->dense[patch] || observed->closely[triangle]);
+        double weight = inside->count ? observed->inside_weights[patch] / (double)inside->count : 0.0;
         for (int64_t k = 0; k < inside->count; k++, n++) {
             put_observation(observed, own, n, first_vertex, observed->triangles + 3 * t, inside->shares + 3 * k,
-                            inside->first[triangle] + k, inside->weight);
+                            inside->first[triangle] + k, weight);
             if (observed->overlap) own->blending[n] = 1.0 / (double)observed->overlap[triangle];
         }
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ctypes import Structure, byref, c_double, c_int64, c_void_p
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,19 +21,16 @@ class Inside(NamedTuple):
     ----------
     shares
         Their barycentric coordinates, (q, 3).
-    weight
-        Weight of each.
     first
         Number of the first point of each triangle among all observations, (T,).
     """
 
     shares: Array
-    weight: float
     first: Indices
 
 
 class _Inside(Structure):
-    _fields_ = (("count", c_int64), ("weight", c_double), ("shares", c_void_p), ("first", c_void_p))
+    _fields_ = (("count", c_int64), ("shares", c_void_p), ("first", c_void_p))
 
 
 class _Observed(Structure):
@@ -40,7 +38,7 @@ class _Observed(Structure):
         *((name, c_void_p) for name in ("vertex_offsets", "vertices", "nodes")),
         *((name, c_void_p) for name in ("triangle_offsets", "triangles", "mesh_triangles")),
         *((name, c_void_p) for name in ("positions", "points", "domains", "blending", "vertex_weights")),
-        *((name, c_void_p) for name in ("overlap", "dense")),
+        *((name, c_void_p) for name in ("overlap", "dense", "closely", "node_weights", "inside_weights")),
         ("inside", _Inside * 2),
     )
 
@@ -117,10 +115,12 @@ class Observed:
         Weights of the vertices, (V,); None for ones.
     overlap
         How many patches each triangle has, (T,), where all of them count alike; else None.
-    dense
-        Which patches are observed densely, (K,).
+    dense, closely
+        Which patches are observed densely, (K,), and which triangles are in every patch, (T,).
+    node_weights, inside_weights
+        Weights of vertices by their nodes, (N,), and of all points inside a triangle together, (K,).
     inside
-        Points inside the triangles of sparsely and of densely observed patches.
+        Points inside sparsely and inside densely observed triangles.
     partition
         Whether weights follow the blending weights (see `patches.blending.fitting_weights`).
     """
@@ -138,6 +138,9 @@ class Observed:
     vertex_weights: Array | None
     overlap: Indices | None
     dense: Booleans
+    closely: Booleans
+    node_weights: Array
+    inside_weights: Array
     inside: tuple[Inside, Inside]
     partition: bool
 
@@ -149,21 +152,30 @@ class Observed:
             *(np.ascontiguousarray(own) for own in (self.positions, self.points, self.domains, self.blending)),
             None if self.vertex_weights is None else np.ascontiguousarray(self.vertex_weights),
             None if self.overlap is None else np.ascontiguousarray(self.overlap, dtype=np.int64),
-            np.ascontiguousarray(self.dense, dtype=np.uint8),
+            *(np.ascontiguousarray(own, dtype=np.uint8) for own in (self.dense, self.closely)),
+            *(np.ascontiguousarray(own) for own in (self.node_weights, self.inside_weights)),
         ]
+        count = len(arrays)
         inside = (_Inside * 2)()
         for k, own in enumerate(self.inside):
             shares, first = np.ascontiguousarray(own.shares), np.ascontiguousarray(own.first)
-            inside[k] = _Inside(len(shares), own.weight, _address(shares), _address(first))
+            inside[k] = _Inside(len(shares), _address(shares), _address(first))
             arrays += [shares, first]
-        return _Observed(*(_address(array) for array in arrays[:13]), inside), arrays
+        return _Observed(*(_address(array) for array in arrays[:count]), inside), arrays
 
     def sizes(self, patches: Indices) -> tuple[Indices, Indices, Indices]:
         """Vertices, triangles and observations of some patches, (n,) each."""
         vertices = self.vertex_offsets[patches + 1] - self.vertex_offsets[patches]
         triangles = self.triangle_offsets[patches + 1] - self.triangle_offsets[patches]
-        each = np.array([len(own.shares) for own in self.inside])
-        return vertices, triangles, vertices + triangles * each[self.dense[patches].astype(np.int64)]
+        held = [self._closely_before[self.triangle_offsets[patches + k]] for k in (0, 1)]
+        closely = np.where(self.dense[patches], triangles, held[1] - held[0])
+        sparse, dense = (len(own.shares) for own in self.inside)
+        return vertices, triangles, vertices + sparse * triangles + (dense - sparse) * closely
+
+    @cached_property
+    def _closely_before(self) -> Indices:
+        """How many of the patches' triangles before each are observed closely in every patch, (S + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.closely[self.mesh_triangles])])
 
     def blends(self, patches: Indices) -> Blends:
         """Where some patches are observed."""

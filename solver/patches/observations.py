@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Booleans, Indices, has_masked
 from ..errors import InputError
+from ..mesh.potential_creases import beside_sharp_edges
 from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native.observations import Inside, Observed
@@ -24,8 +25,15 @@ ANY_DEGREE = 30
 SMALL_PATCH = 100
 SMALL_PATCH_DEGREE = 7
 CENTROID_WEIGHT = 0.5
+SMOOTH_CENTROID_WEIGHT = 1.0
+"""Of smooth patches, which miss the input by the sag of its triangles.  A weight of 1.5 would integrate the square of
+that; less keeps vertices closer to the input.  Where a patch rounds a crease off, more than 1/2 would move it away."""
+SHARP_DEGREES = 60.0
+"""A patch is smooth where its triangles make no larger angle than this."""
 SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
+LIP_WEIGHT = 0.25
+"""Weight of vertices on the side of a crease, where only half their triangles are and patches end."""
 
 
 def checked_weights(weights: ArrayLike | None, vertices: int) -> Array | None:
@@ -136,10 +144,13 @@ class Observations(Protocol):
 
 class MeshObservations:
     """The vertices of a mesh, once for each node, then the centroids of its triangles, then six points inside the
-    triangles of small patches.
+    triangles of smooth sides of creases and those of small patches.
 
     Without points inside the triangles the surface would oscillate between the vertices; small patches, which have
     almost as many coefficients as vertices, need more of them.
+
+    Over a coarse curved mesh vertices lie outside a smooth surface and centroids inside.  At its end a polynomial can
+    follow their rows in turn, and there its normals would be degrees off.  Six points of a triangle lie on both sides.
     """
 
     def __init__(
@@ -152,6 +163,7 @@ class MeshObservations:
         inside: bool = True,
         dense: Booleans | None = None,
         degrees: Indices | None = None,
+        sharp: Booleans | None = None,
     ) -> None:
         """Gather the observations.
 
@@ -171,6 +183,8 @@ class MeshObservations:
             Patches that are observed as densely as small ones, (K,).
         degrees
             Highest total degree that each patch may use, (K,); any where None.
+        sharp
+            Triangles beside edges that bend by more than `SHARP_DEGREES`, (T,); found where None.
         """
         self._made_of = mesh, patches, blending, kind, weights, inside
         self.degrees = np.full(len(patches), ANY_DEGREE) if degrees is None else degrees
@@ -178,29 +192,47 @@ class MeshObservations:
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self.blending = blending
         self._weights = weights
-        self.ends_early = _at_creases(mesh, patches)
+        lips = _lips(mesh)
+        self.ends_early = _at_creases(lips, patches)
         self._blends: dict[int, tuple[Indices, Array]] = {}
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
         self._dense = self._small if dense is None else self._small | dense
-        small = np.unique(patches.mesh_triangles[self._dense[patches.triangle_patch]])
-        corners = mesh.vertices[mesh.triangles]
-        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[small]).reshape(-1, 3)
-        nodes = mesh.vertices[mesh.node_vertex]
-        self.points = np.concatenate([nodes, corners.mean(axis=1), dense]) if inside else nodes
-        self._first_centroid = len(nodes)
         self._inside = inside
+        self._sharp = beside_sharp_edges(mesh, SHARP_DEGREES) if sharp is None else sharp
+        bent = self._sharp[patches.mesh_triangles]
+        self._smooth = np.bincount(patches.triangle_patch, weights=bent, minlength=len(patches)) == 0.0
+        lips &= inside
+        lips[mesh.nodes[self._sharp]] = False  # of noise, more than sag would be followed
+        self._node_weights = np.where(lips, LIP_WEIGHT, 1.0)
+        self._number_places(lips)
         observed = np.diff(patches.vertex_offsets) + len(SURFACE_SAMPLES) * np.diff(patches.triangle_offsets)
         limited = self._small if inside else np.zeros(len(patches), dtype=bool)
         self._highest = np.where(limited, small_patch_degrees(observed), ANY_DEGREE)
-        self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
-        self._first_dense[small] = len(nodes) + len(mesh.triangles) + 6 * np.arange(len(small))
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 
+    def _number_places(self, lips: Booleans) -> None:
+        """Number all places: nodes, centroids, then those of triangles on smooth sides of creases, (N,), and of dense
+        patches.
+        """
+        mesh, patches = self._made_of[:2]
+        self._beside: Booleans = np.asarray(lips[mesh.nodes].any(axis=1))
+        closely = np.zeros(len(mesh.triangles), dtype=bool)
+        closely[patches.mesh_triangles[self._dense[patches.triangle_patch]]] = True
+        # those beside creases come first, so that they keep their numbers when more patches become dense
+        closely = np.concatenate([np.flatnonzero(self._beside), np.flatnonzero(closely & ~self._beside)])
+        corners = mesh.vertices[mesh.triangles]
+        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[closely]).reshape(-1, 3)
+        nodes = mesh.vertices[mesh.node_vertex]
+        self.points = np.concatenate([nodes, corners.mean(axis=1), dense]) if self._inside else nodes
+        self._first_centroid = len(nodes)
+        self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
+        self._first_dense[closely] = len(nodes) + len(mesh.triangles) + 6 * np.arange(len(closely))
+
     def with_dense(self, more: Booleans) -> MeshObservations:
         """Return the observations with more of the patches, (K,), observed densely."""
-        other = MeshObservations(*self._made_of, dense=self._dense | more, degrees=self.degrees)
-        # vertices and centroids keep their numbers
+        other = MeshObservations(*self._made_of, dense=self._dense | more, degrees=self.degrees, sharp=self._sharp)
+        # vertices, centroids and points beside creases keep their numbers
         other._blends = {patch: blend for patch, blend in self._blends.items() if not other._dense[patch]}
         return other
 
@@ -218,12 +250,7 @@ class MeshObservations:
         """What the compiled kernel gathers from, with initial domains (M, 2)."""
         patches = self.patches
         first = self._first_centroid + np.arange(len(self._first_dense)), self._first_dense
-        weights = CENTROID_WEIGHT, SMALL_PATCH_INSIDE_WEIGHT
         samples = (CENTROID, SURFACE_SAMPLES) if self._inside else (CENTROID[:0], SURFACE_SAMPLES[:0])
-        inside = [
-            Inside(shares, weight / (len(shares) or 1), numbers)
-            for shares, weight, numbers in zip(samples, weights, first, strict=True)
-        ]
         return Observed(
             patches.vertex_offsets,
             patches.vertices,
@@ -238,7 +265,10 @@ class MeshObservations:
             self._weights,
             self._overlap,
             self._dense,
-            (inside[0], inside[1]),
+            self._beside,
+            self._node_weights,
+            self._inside_weights,
+            (Inside(samples[0], first[0]), Inside(samples[1], first[1])),
             partition=self._overlap is None,
         )
 
@@ -253,6 +283,23 @@ class MeshObservations:
         none = np.full(len(corners), -1, dtype=np.int64)
         return PatchObservations(none, corners, shares, blending, blending, ANY_DEGREE), points
 
+    @property
+    def _inside_weights(self) -> Array:
+        """Weight of all places inside a triangle together, (K,)."""
+        weights = np.where(self._smooth, SMOOTH_CENTROID_WEIGHT, CENTROID_WEIGHT)
+        return np.where(self._dense, SMALL_PATCH_INSIDE_WEIGHT, weights)
+
+    def _places_inside(self, mesh_triangles: Indices, dense: bool) -> tuple[Indices, Array, Booleans]:
+        """Places inside a patch's triangles: in which of them, (n,), where, (n, 3), and which are one of six, (n,)."""
+        count, none = len(mesh_triangles), np.zeros(0, dtype=np.int64)
+        if not self._inside:
+            return none, np.zeros((0, 3)), none.astype(bool)
+        closely = self._beside[mesh_triangles] | dense
+        at = np.repeat(np.arange(count), np.where(closely, len(SURFACE_SAMPLES), 1))
+        samples = CENTROID.repeat(len(at), axis=0)
+        samples[closely[at]] = np.tile(SURFACE_SAMPLES, (int(closely.sum()), 1))
+        return at, samples, closely[at]
+
     def blend_of(self, patch: int) -> tuple[Indices, Array]:
         """`number` and `blending` of one patch's observations; computed once."""
         if patch not in self._blends:
@@ -264,28 +311,23 @@ class MeshObservations:
         vertices = slice(*self.patches.vertex_offsets[patch : patch + 2])
         faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
         triangles, mesh_triangles = self.patches.triangles[faces], self.patches.mesh_triangles[faces]
-        count = vertices.stop - vertices.start
-        dense = bool(self._dense[patch])
-        samples = SURFACE_SAMPLES if dense else CENTROID
-        samples = samples if self._inside else samples[:0]
-        weight = SMALL_PATCH_INSIDE_WEIGHT if dense else CENTROID_WEIGHT
-        inside = len(triangles) * len(samples)
-        corners = np.empty((count + inside, 3), dtype=np.int64)
-        corners[:count] = np.arange(count)[:, None]
-        corners[count:].reshape(len(triangles), -1, 3)[:] = triangles[:, None]
+        nodes, count = self.patches.nodes[vertices], vertices.stop - vertices.start
+        at, samples, closely = self._places_inside(mesh_triangles, bool(self._dense[patch]))
+        corners = np.concatenate([np.arange(count)[:, None].repeat(3, axis=1), triangles[at]])
         shares = np.zeros((len(corners), 3))
         shares[:count, 0] = 1.0
-        shares[count:].reshape(len(triangles), -1, 3)[:] = samples
-        own = np.concatenate([np.ones(count), np.full(inside, weight / (len(samples) or 1))])
+        shares[count:] = samples
+        inside = self._inside_weights[patch] / np.where(closely, len(SURFACE_SAMPLES), 1)
+        own = np.concatenate([self._node_weights[nodes], inside])
         if self._weights is not None:
             own *= np.einsum("nk,nk->n", self._weights[self.patches.vertices[vertices]][corners], shares)
         if patch not in self._blends:
             blending = np.einsum("nk,nk->n", self.blending[vertices][corners], shares)
             if self._overlap is not None:
-                blending[count:] = np.repeat(1.0 / self._overlap[mesh_triangles], len(samples))
-            first = self._first_dense[mesh_triangles] if dense else self._first_centroid + mesh_triangles
-            number = (first[:, None] + np.arange(len(samples))).ravel()
-            self._blends[patch] = np.concatenate([self.patches.nodes[vertices], number]), blending
+                blending[count:] = 1.0 / self._overlap[mesh_triangles[at]]
+            sixth, asked = np.arange(len(at)) - np.searchsorted(at, at), mesh_triangles[at]
+            number = np.where(closely, self._first_dense[asked] + sixth, self._first_centroid + asked)
+            self._blends[patch] = np.concatenate([nodes, number]), blending
         number, blending = self._blends[patch]
         return PatchObservations(
             number,
@@ -298,10 +340,17 @@ class MeshObservations:
         )
 
 
-def _at_creases(mesh: TriangleMesh, patches: Patches) -> Booleans:
-    """Which patches hold a side of a crease and are no refinement, (K,)."""
+def _lips(mesh: TriangleMesh) -> Booleans:
+    """Which nodes lie on a side of a crease, (N,): those of vertices that a crease splits."""
     split = np.zeros(len(mesh.vertices), dtype=bool)
     if len(mesh.creases):
         split[mesh.node_vertex[len(mesh.vertices) :]] = True
-    at_crease = np.bincount(patches.vertex_patch, weights=split[patches.vertices], minlength=len(patches)) > 0
-    return at_crease & (patches.levels == 0)
+    lips: Booleans = split[mesh.node_vertex]
+    return lips
+
+
+def _at_creases(lips: Booleans, patches: Patches) -> Booleans:
+    """Which patches hold a side of a crease and are no refinement, (K,)."""
+    held = np.bincount(patches.vertex_patch, weights=lips[patches.nodes], minlength=len(patches)) > 0
+    at_crease: Booleans = held & (patches.levels == 0)
+    return at_crease

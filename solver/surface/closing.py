@@ -6,10 +6,19 @@ triangle a correction is added that is largest at the crease and fades out over 
     sum_v lambda_v d_v + sum_e (lambda_v + lambda_w) B_e(lambda_w / (lambda_v + lambda_w)),
 
 the first sum over the triangle's corners v, the second over its crease edges e = (v, w); lambda are the barycentric
-coordinates.  d_v leads from the surface of the triangle's own side to the mean of all sides that meet at v.  B_e is
-half the difference of both sides along the edge, less the linear part that the d_v have made up for.  Both sides are
-polynomials there of degree t + 1: t of the patches' functions, and 1 of the weights that blend them.  So its values at
-t + 2 Chebyshev points determine it, and the surface has no gap beyond rounding.
+coordinates.  d_v leads from the surface of the triangle's own side to the place where all sides meet at v.  B_e leads
+to where both sides meet along the edge, less the linear part that the d_v have made up for.
+
+Sides meet where their tangent planes do: at the c that minimises, with p_i and n_i each side's point and unit normal,
+
+    sum_i (n_i . (c - p_i))^2 + SLIDE |c - p_i|^2.
+
+So each side mostly slides within itself and keeps its normals; the mean of the p_i would tilt both.  Where the planes
+are nearly parallel, as at the end of a crease, the second term decides, and c is close to that mean.
+
+Both sides are polynomials of degree t + 1 along the edge: t of the patches' functions, and 1 of the weights that blend
+them.  B_e leads to the polynomial of that degree through the c at t + 2 Chebyshev points, the same for both sides, so
+the surface has no gap beyond rounding.
 """
 
 from __future__ import annotations
@@ -26,6 +35,12 @@ from ..mesh.topology import fans_between_creases, mean_over_nodes
 
 ROUNDING = 1e-12
 """By how much a sum of weights may miss one."""
+
+SLIDE = 0.1
+"""Weight of distances within a side's tangent plane, relative to those from it."""
+
+Evaluated = Callable[[Indices, Array], tuple[Array, Array]]
+"""Evaluates what is to be closed: triangles (N,) and barycentric coordinates (N, 3) to points and normals, (N, 3)."""
 
 
 @dataclass(frozen=True)
@@ -94,15 +109,19 @@ class Closing:
         Polynomial of each of their sides, (R, 3); -1 where it is no crease.
     polynomials
         Chebyshev coefficients of B_e along the sides on [-1, 1], (P, n, 3), scene units.
+    vertices, places
+        Where the sides meet at vertices, (n,) and (n, 3), scene units.
     """
 
     row: Indices
     corners: Array
     edge: Indices
     polynomials: Array
+    vertices: Indices
+    places: Array
 
     @classmethod
-    def of(cls, fans: Fans, triangles: Indices, degree: int, surface: Callable[[Indices, Array], Array]) -> Closing:
+    def of(cls, fans: Fans, triangles: Indices, degree: int, surface: Evaluated) -> Closing:
         """Compute the correction.
 
         Parameters
@@ -112,9 +131,9 @@ class Closing:
         degree
             Highest degree of the patches' functions.
         surface
-            Evaluates what is to be closed: triangles (N,) and barycentric coordinates (N, 3) to N points.
+            What is to be closed.
         """
-        away = _from_own_side(fans, triangles, surface)
+        away, vertices, places = _from_own_side(fans, triangles, surface)
         sides = fans.sides.ravel()
         moved = np.asarray(away.any(axis=1))
         concerned = np.asarray(moved[fans.corners].any(axis=1))
@@ -124,7 +143,8 @@ class Closing:
         row[rows] = np.arange(len(rows))
         edge = np.full((len(rows), 3), -1)
         edge[row[sides // 3], sides % 3] = np.arange(len(sides))
-        return cls(row, away[fans.corners[rows]], edge, _differences(fans.sides, triangles, degree, surface))
+        along = _along_sides(fans.sides, triangles, degree, surface)
+        return cls(row, away[fans.corners[rows]], edge, along, vertices, places)
 
     def at(self, face: Indices, inside: Array, tangents: bool) -> tuple[Indices, Array]:
         """Which of N points have a correction, (n,), and what it is, (3, n), with `tangents` of both tangents, (9, n).
@@ -207,38 +227,67 @@ class Closing:
         return np.sqrt((largest**2).sum(axis=1)), np.sqrt((bend**2).sum(axis=1))
 
 
-def _from_own_side(fans: Fans, triangles: Indices, surface: Callable[[Indices, Array], Array]) -> Array:
-    """d_v of each node, (N, 3): zero at vertices with one node only."""
-    nodes, vertices = len(fans.vertex), int(triangles.max()) + 1
+def _from_own_side(fans: Fans, triangles: Indices, surface: Evaluated) -> tuple[Array, Indices, Array]:
+    """d_v of each node, (N, 3), zero at vertices with one node only; the n other vertices, and c there, (n, 3)."""
+    nodes, vertices = len(fans.vertex), int(fans.vertex.max()) + 1
     shared = np.bincount(fans.vertex, minlength=vertices)[fans.vertex] > 1
-    first = np.full(nodes, -1)
-    first[fans.corners.ravel()[::-1]] = np.arange(fans.corners.size)[::-1]
-    asked = np.flatnonzero(shared)
-    points = np.zeros((nodes, 3))
-    points[asked] = surface(first[asked] // 3, np.eye(3)[first[asked] % 3]).reshape(-1, 3)
-    away = np.zeros((nodes, 3))
-    away[asked] = fans.mean(points, int(fans.vertex.max()) + 1)[fans.vertex[asked]] - points[asked]
-    return away
+    asked = np.flatnonzero(shared[fans.corners.ravel()])
+    points, normals = surface(asked // 3, np.eye(3)[asked % 3])
+    node = fans.corners.ravel()[asked]
+    own = np.zeros((nodes, 3))
+    own[node[::-1]] = points[::-1]
+    mean = fans.mean(own, vertices)
+    away = own - mean[fans.vertex]
+    # all corners of a fan speak for its node, whatever their order
+    share = 1.0 / np.bincount(node, minlength=nodes)[node]
+    planes = normals[:, :, None] * normals[:, None] * share[:, None, None]
+    pulls = np.einsum("nij,nj->ni", planes, away[node])
+    split, number = np.unique(fans.vertex[node], return_inverse=True)
+    columns = np.concatenate([planes.reshape(-1, 9), pulls], axis=1).T
+    sums: Array = np.stack([np.bincount(number, weights=column, minlength=len(split)) for column in columns], axis=1)
+    places: Array = mean[split] + _slid(sums[:, :9].reshape(-1, 3, 3), sums[:, 9:], np.bincount(fans.vertex)[split])
+    meeting = mean.copy()
+    meeting[split] = places
+    return np.where(shared[:, None], meeting[fans.vertex] - own, 0.0), split, places
 
 
-def _differences(sides: Indices, triangles: Indices, degree: int, surface: Callable[[Indices, Array], Array]) -> Array:
+def _slid(planes: Array, pulls: Array, sides: Indices | int) -> Array:
+    """From the mean of the points to c, (..., 3), from the sums of n n^T and n n^T (p - mean) over the sides."""
+    matrix = planes + SLIDE * np.asarray(sides)[..., None, None] * np.eye(3)
+    return np.asarray(np.linalg.solve(matrix, pulls[..., None])[..., 0], dtype=np.float64)
+
+
+def _along_sides(sides: Indices, triangles: Indices, degree: int, surface: Evaluated) -> Array:
     """Chebyshev coefficients of B_e for both sides of each crease, (2 C, n, 3)."""
     count = max(degree + 1, 2) + 1  # weights are linear; the input itself has weights, too
     places = chebyshev.chebpts1(count)
-    shares = np.concatenate([[0.0], (places + 1.0) / 2.0, [1.0]])
+    shares = (places + 1.0) / 2.0
     flat = sides.ravel()
-    inside = np.zeros((len(flat), len(shares), 3))
+    inside = np.zeros((len(flat), count, 3))
     each = np.arange(len(flat))
     inside[each, :, flat % 3] = 1.0 - shares
     inside[each, :, (flat + 1) % 3] = shares
     # side numbers are 3 t + i, and the side ends at corner i + 1 of the same triangle
-    own = surface(np.repeat(flat // 3, len(shares)), inside.reshape(-1, 3)).reshape(-1, 2, len(shares), 3)
+    points, normals = surface(np.repeat(flat // 3, count), inside.reshape(-1, 3))
     starts = triangles.ravel()[sides]
-    same = starts[:, 0] == starts[:, 1]
-    # the points are symmetric, so that those of the other side are its own in reverse
-    other = np.where(same[:, None, None, None], own[:, ::-1], own[:, ::-1, ::-1])
-    half = 0.5 * (other - own).reshape(-1, len(shares), 3)
-    linear = (1.0 - shares)[:, None] * half[:, :1] + shares[:, None] * half[:, -1:]
+    opposed = starts[:, 0] != starts[:, 1]
+
+    def turned(values: Array) -> Array:
+        """The second side's from the first side's start on: the places are symmetric."""
+        values = values.reshape(-1, 2, count, 3).copy()
+        values[opposed, 1] = values[opposed, 1, ::-1]
+        return values
+
+    points, normals = turned(points), turned(normals)
+    away = points - points.mean(axis=1, keepdims=True)
+    pulls = (normals * (normals * away).sum(axis=-1, keepdims=True)).sum(axis=1)
+    slid = _slid(np.einsum("cski,cskj->ckij", normals, normals), pulls, 2)
+    to_meeting = slid[:, None] - away
+    to_meeting[opposed, 1] = to_meeting[opposed, 1, ::-1]
     to_coefficients = np.linalg.inv(chebyshev.chebvander(places, count - 1))
-    coefficients: Array = np.einsum("jk,pkd->pjd", to_coefficients, (half - linear)[:, 1:-1])
+    coefficients: Array = np.einsum("jk,pkd->pjd", to_coefficients, to_meeting.reshape(-1, count, 3))
+    # without the line through its ends, at which the T_k are (-1)^k and 1
+    start, end = coefficients[:, ::2].sum(axis=1), coefficients[:, 1::2].sum(axis=1)
+    coefficients[:, 0] -= start
+    coefficients[:, 1] -= end
     return coefficients

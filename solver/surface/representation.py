@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -116,7 +116,12 @@ class Representation(Saved):
     @cached_property
     def closing(self) -> Closing:
         """What closes the surface along its creases."""
-        return Closing.of(self.fans, self.triangles, self.degree, partial(self._evaluate, tangents=False, closed=False))
+
+        def surface(face_index: Indices, barycentric: Array) -> tuple[Array, Array]:
+            open_ = self._evaluate(face_index, barycentric, tangents=True, closed=False)
+            return open_[:, 0], unit(np.asarray(np.cross(open_[:, 1], open_[:, 2]), dtype=np.float64))
+
+        return Closing.of(self.fans, self.triangles, self.degree, surface)
 
     @cached_property
     def corners(self) -> Indices:
@@ -230,7 +235,10 @@ class Representation(Saved):
 
     def at_vertices(self) -> Array:
         """The blended surface at the input vertices, (V, 3)."""
-        return self.blend_at_vertices(self.at_patch_vertices)
+        points = self.blend_at_vertices(self.at_patch_vertices)
+        if len(self.creases):
+            points[self.closing.vertices] = self.closing.places
+        return points
 
     def blend_at_vertices(self, values: Array) -> Array:
         """Blend the patches' values (M, 3) at the input vertices, (V, 3)."""

@@ -14,7 +14,8 @@ from sparse_surface.solver.fitting.batch import Problem
 from sparse_surface.solver.fitting.chunks import chunk_task, problems_of
 from sparse_surface.solver.fitting.gathered import MeshTask, Remainder, joined_values
 from sparse_surface.solver.fitting.native_chunks import fit_natively
-from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.mesh.potential_creases import dihedrals
+from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh, cut_along
 from sparse_surface.solver.native.observations import Blend
 from sparse_surface.solver.patches.blending import blending_weights
 from sparse_surface.solver.patches.observations import MeshObservations
@@ -29,6 +30,9 @@ CASES = {
     "small patches": {"ring": 1, "degree": 14},
     "some observed densely": {"dense": True},
     "weighted, dense and uniform": {"kind": "uniform", "weighted": True, "dense": True},
+    "creases": {"cut": True},
+    "creases, weighted, dense and uniform": {"cut": True, "kind": "uniform", "weighted": True, "dense": True},
+    "creases, vertices alone": {"cut": True, "inside": False},
 }
 
 
@@ -43,9 +47,12 @@ class Case:
         dense: bool = False,
         ring: int = 4,
         degree: int = 6,
+        cut: bool = False,
     ) -> None:
         self.settings = Settings(ring=ring, degree=degree, iterations=4, blending=kind, workers=1).resolved()  # type: ignore[arg-type]
         self.mesh: TriangleMesh = build_mesh(*cylinder())
+        if cut:
+            self.mesh = cut_along(self.mesh, dihedrals(self.mesh) > 45.0)
         self.patches, self.domains = with_domains(self.mesh, cover(self.mesh, ring), self.settings)
         self.blending = blending_weights(self.mesh, self.patches, kind)
         rng = np.random.default_rng(3)

@@ -12,7 +12,7 @@ from sparse_surface.benchmarks.generated_models import cylinder, flower
 from sparse_surface.solver import Approximation, Representation, Settings, approximate, resample
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from sparse_surface.solver.surface.bounds import error_bounds
-from sparse_surface.solver.surface.closing import Closing
+from sparse_surface.solver.surface.closing import SLIDE, Closing
 from sparse_surface.solver.surface.inspection import single_patch
 
 Array = NDArray[np.float64]
@@ -77,7 +77,9 @@ def test_without_the_correction_they_do_not() -> None:
     open_ = replace(surface)
     nothing = np.zeros((0, 3))
     nowhere = np.full(len(surface.triangles), -1)
-    vars(open_)["closing"] = Closing(nowhere, np.zeros((0, 3, 3)), nothing.astype(int), np.zeros((0, 8, 3)))
+    vars(open_)["closing"] = Closing(
+        nowhere, np.zeros((0, 3, 3)), nothing.astype(int), np.zeros((0, 8, 3)), nowhere[:0], nothing
+    )
     one, other, crease = at_edges(open_, 0.5)
     gap = np.linalg.norm(one - other, axis=1)
     assert np.median(gap[crease]) > 1e-4
@@ -126,6 +128,50 @@ def test_the_surface_turns_at_the_edge() -> None:
     assert len(away) == 120
     assert away.mean() < 4.0
     assert away.max() < 12.0
+
+
+def test_sides_meet_where_their_tangent_planes_do() -> None:
+    surface = cut("few functions").representation
+    open_ = surface._evaluate(
+        np.repeat(np.arange(len(surface.triangles)), 3),
+        np.tile(np.eye(3), (len(surface.triangles), 1)),
+        tangents=True,
+        closed=False,
+    )
+    normals = np.cross(open_[:, 1], open_[:, 2])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    meeting = surface.at_vertices()
+    for vertex in surface.creases[:40, 0]:
+        at = np.flatnonzero(surface.triangles.ravel() == vertex)
+        node = surface.fans.corners.ravel()[at]
+        rows, wanted = [], []
+        for side in np.unique(node):
+            own = at[node == side]
+            point = open_[own[0], 0]
+            rows += [normals[own] / np.sqrt(len(own)), np.sqrt(SLIDE) * np.eye(3)]
+            wanted += [normals[own] @ point / np.sqrt(len(own)), np.sqrt(SLIDE) * point]
+        expected = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
+        np.testing.assert_allclose(meeting[vertex], expected, atol=1e-12)
+
+
+def test_normals_beside_a_crease_are_those_of_the_shape() -> None:
+    vertices, _ = cylinder()
+    surface = cut("default").representation
+    corners = surface.vertices[surface.triangles]
+    on_rim = np.isin(surface.triangles, surface.creases)
+    beside = np.flatnonzero(on_rim.sum(axis=1) == 2)
+    # a tenth of the way from the rim to the opposite corner, and closer
+    inside = np.concatenate([np.where(on_rim[beside], (1.0 - away) / 2.0, away) for away in (0.01, 0.05, 0.1)])
+    face = np.tile(beside, 3)
+    points = np.einsum("nk,nkd->nd", inside, corners[face])
+    wall = np.ptp(corners[face][:, :, 2], axis=1) > 1e-6 * np.ptp(vertices[:, 2])
+    radial = points * [1.0, 1.0, 0.0] / np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+    truth = np.where(wall[:, None], radial, np.sign(points) * [0.0, 0.0, 1.0])
+    angles = np.degrees(np.arccos(np.clip((surface.normals(face, inside) * truth).sum(axis=1), -1.0, 1.0)))
+    assert wall.sum() > 300
+    assert (~wall).sum() > 300
+    assert angles.mean() < 0.5
+    assert np.quantile(angles, 0.95) < 2.0
 
 
 def test_bounds_hold_for_the_closed_surface() -> None:
