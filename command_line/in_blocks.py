@@ -39,6 +39,8 @@ def run(options: argparse.Namespace) -> None:
     for name, usual in (("quality", QUALITIES), ("error_colors", ERROR_COLOURS)):
         if getattr(options, name) != next(iter(usual)):
             raise SettingsError(WHOLE.format(name.replace("_", "-")))
+    if options.settings.mark_creases and options.resume is None:
+        raise SettingsError("The creases of blocks are written into the job's folder: name one with --resume.")
     source, name = read_large(options.input), options.input.stem
     with _cluster(options.cluster) as client, progress_display(name) as show:
         found = approximate_blocks(

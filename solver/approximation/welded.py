@@ -55,7 +55,7 @@ class Welded:
             patch=patch,
             measures=self._report(found, error, patch),
             history=None if found.history is None else found.history[:, place],
-            creases=None if found.creases is None else self._edges(found.creases),
+            creases=None if found.creases is None else self.edges(found.creases),
         )
 
     def _report(self, found: Approximation, error: NDArray[np.float64], patch: NDArray[np.int32]) -> Report:
@@ -78,7 +78,7 @@ class Welded:
             relative={**report.relative, **relative},
         )
 
-    def _edges(self, edges: Indices) -> Indices:
+    def edges(self, edges: Indices) -> Indices:
         """Edges between the given vertices, (E, 2), of those between places."""
         sides = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
         count = len(self.weld.first)

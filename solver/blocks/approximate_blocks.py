@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..approximation.denoised import MeshInput
 from ..approximation.report import Stopwatch
-from ..approximation.welded import held_together
-from ..arrays import Array
+from ..approximation.welded import Welded, held_together
+from ..arrays import Array, Indices
 from ..errors import SettingsError
-from ..mesh.welding import Weld
 from ..processes.memory import peak_memory_mb
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import Settings
@@ -24,9 +23,10 @@ from ..version import VERSION
 from .block_report import joined_report
 from .cut import Cut, Parts
 from .engines import engine_of
-from .folder import REPORT, JobFolder
+from .folder import CREASES, REPORT, JobFolder
 from .joining import distances, joined
 from .large_mesh import LargeMesh
+from .noise import with_noise_level
 from .surface import BlockSurface
 from .task import BlockTask, solve_block_steps
 
@@ -35,6 +35,9 @@ BLOCK_SIZE = 250_000
 
 BEYOND_PATCHES = 2
 """Steps that a halo reaches beyond all patches, so that their rims and what bends beside them are seen."""
+
+BEYOND_DENOISED = 8
+"""Further steps where noise is removed first: the patches of that reach about so far."""
 
 SOLVE_STARTS, SOLVE_ENDS = 0.02, 0.95
 """Shares of the progress bar at which solving blocks begins and ends."""
@@ -59,6 +62,8 @@ class BlockApproximation:
         What evaluates the surface anywhere, block by block.
     folder
         Where all of this lies; `vertices`, `error` and `patch` are mapped from there.
+    creases
+        Edges that the optimisation treats as creases, pairs of vertices (E, 2); None unless `Settings.mark_creases`.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -67,6 +72,7 @@ class BlockApproximation:
     report: dict[str, Any]
     representation: BlockSurface
     folder: Path
+    creases: Indices | None = None
 
 
 def approximate_blocks(
@@ -164,7 +170,7 @@ def approximate_blocks_steps(
         count = -(-len(given.positions) // block_size)
         if count > 1:
             _refuse_whole(settings)
-        mesh, weld = _welded(given, vertices, faces, settings) if count > 1 else (given, None)
+        mesh, welded = _welded(given, vertices, faces, settings) if count > 1 else (given, None)
         cut = Cut.of(mesh, block_size)
         keeper = None
         if folder is None:
@@ -173,23 +179,20 @@ def approximate_blocks_steps(
         place = JobFolder.of(Path(folder), _job(given, settings, block_size, len(cut)))
     if not place.is_there(REPORT):
         yield from _solved(mesh, cut, place, settings, executor, watch)
-        yield from _finished(given, mesh, weld, cut, place, settings, watch)
+        yield from _finished(given, mesh, welded, cut, place, settings, watch)
+    creases = place.load(CREASES) if settings.mark_creases else None
     arrays = {name: place.load(f"{name}.npy") for name in ("vertices", "error", "patch")}
-    return BlockApproximation(
-        **arrays, report=place.report, representation=BlockSurface(place, keeper), folder=place.path
-    )
+    surface = BlockSurface(place, keeper)
+    return BlockApproximation(**arrays, report=place.report, representation=surface, folder=place.path, creases=creases)
 
 
 def _refuse_whole(settings: Settings) -> None:
     """Refuse what concerns the mesh as a whole."""
-    for name in ("keep_iterations", "mark_creases"):
-        if getattr(settings, name):
-            raise SettingsError(f"The setting {name} needs the mesh in one block.")
-    if settings.denoise != "off":
-        raise SettingsError("Noise is removed from the mesh as a whole: denoise it first, then approximate the result.")
+    if settings.keep_iterations:
+        raise SettingsError("The setting keep_iterations needs the mesh in one block.")
 
 
-def _welded(given: LargeMesh, vertices: Any, faces: Any, settings: Settings) -> tuple[LargeMesh, Weld | None]:
+def _welded(given: LargeMesh, vertices: Any, faces: Any, settings: Settings) -> tuple[LargeMesh, Welded | None]:
     """Hold vertices at one place together before the mesh is cut; arrays that lie in files are left as they are."""
     if isinstance(vertices, np.memmap):
         return given, None
@@ -198,7 +201,7 @@ def _welded(given: LargeMesh, vertices: Any, faces: Any, settings: Settings) -> 
     if welded is None:
         return given, None
     found = welded.mesh
-    return LargeMesh.of(found.positions, found.faces, found.weights, found.sharp_edges), welded.weld
+    return LargeMesh.of(found.positions, found.faces, found.weights, found.sharp_edges), welded
 
 
 def _job(mesh: LargeMesh, settings: Settings, block_size: int, blocks: int) -> dict[str, Any]:
@@ -216,10 +219,13 @@ def _solved(
     if not missing:
         return
     with watch.stage("cut"):
-        parts = Parts(mesh, cut, 2 * settings.ring + BEYOND_PATCHES)
+        beyond = BEYOND_PATCHES + (BEYOND_DENOISED if settings.denoise != "off" else 0)
+        parts = Parts(mesh, cut, 2 * settings.ring + beyond)
     # many blocks are solved at once, each on one thread; vertices at one place are one already
     own = settings if len(cut) == 1 and executor is None else replace(settings, workers=1)
-    own = own if len(cut) == 1 else replace(own, merge_vertices=False)
+    if len(cut) > 1:
+        with watch.stage("cut"):
+            own = with_noise_level(replace(own, merge_vertices=False), parts, cut, folder)
 
     def tasks() -> Iterator[BlockTask]:
         for number in missing:
@@ -266,7 +272,7 @@ def _shown(steps: Steps[bytes], done: int, blocks: int) -> Steps[bytes]:
 def _finished(
     given: LargeMesh,
     mesh: LargeMesh,
-    weld: Weld | None,
+    welded: Welded | None,
     cut: Cut,
     folder: JobFolder,
     settings: Settings,
@@ -275,14 +281,17 @@ def _finished(
     """Join the blocks, measure the whole, and write the result; the report, which comes last, says that it is there."""
     with watch.stage("join"):
         found = yield from within(joined(mesh, cut, folder), SOLVE_ENDS, 0.99)
-        vertices, patch = found.vertices, found.patch
-        if weld is not None:
-            vertices, patch = vertices[weld.place], patch[weld.place]
+        vertices, patch, creases = found.vertices, found.patch, found.creases
+        if welded is not None:
+            place = welded.weld.place
+            vertices, patch, creases = vertices[place], patch[place], welded.edges(creases)
     yield Progress("Measuring", 0.99)
     with watch.stage("measure"):
         error = distances(given, vertices)
         for name, array in (("vertices", vertices), ("error", error), ("patch", patch)):
             folder.save(f"{name}.npy", array)
+        if settings.mark_creases:
+            folder.save(CREASES, creases)
         if len(cut) == 1:
             report = found.reports[0]
         else:

@@ -69,7 +69,7 @@ def joined_report(mesh: LargeMesh, found: Joined, error: Array, settings: Settin
         seconds={name: sum(report["seconds"].get(name, 0.0) for report in reports) for name in (*STAGES, "creases")},
         peak_memory_mb=max(report["peak_memory_mb"] for report in reports),
         workers=settings.workers,
-        denoise=None,
+        denoise=_denoise(reports),
         creases=_creases(reports),
     ).as_dict()
 
@@ -106,6 +106,26 @@ def _creases(reports: list[dict[str, Any]]) -> dict[str, float] | None:
         "vertices": sum(each["vertices"] for each in found),
         "share_at_edge": shares / edges if edges else 1.0,
     }
+
+
+def _denoise(reports: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """What the blocks did to the noise: means weighted by their vertices; 95th percentiles are the largest."""
+    found = [report for report in reports if "denoise" in report]
+    if not found:
+        return None
+    counts = np.array([report["input"]["vertices"] for report in found], dtype=np.float64)
+    joined: dict[str, Any] = _merged("denoise", [report["denoise"] for report in found], counts / counts.sum())
+    return joined
+
+
+def _merged(name: str, values: list[Any], shares: Array) -> Any:
+    if isinstance(values[0], dict):
+        return {key: _merged(key, [value[key] for value in values], shares) for key in values[0]}
+    if name == "rms":
+        return float(np.sqrt(shares @ np.square(values)))
+    if name in ("mean", "normal_error_degrees", "relative_noise", "noise_level", "estimated_noise_level"):
+        return float(shares @ np.array(values))
+    return max(values)
 
 
 def _tolerance(reports: list[dict[str, Any]]) -> dict[str, Any] | None:

@@ -47,12 +47,13 @@ _BLOCK = {
     "piece": Layer(("vertices",), NUMBERS),
     "blended": Layer(("blended",), INDICES),
     "parts": Layer(("blended", "samples", 3), REAL),
+    "marked": Layer(("marked", 2), INDICES),
     "text": Layer(("characters",), ("|u1",)),
 }
 
 BLOCK = Format(
     name="sparse_surface_block",
-    version=1,
+    version=2,
     noun="a block of a Sparse Surface job",
     keys=frozenset(("basis", "blending", "degree", "solver")),
     layers={**_SURFACE, **_BLOCK},
@@ -79,6 +80,8 @@ class SolvedBlock:
         The block's part of S(x) - x at `MEASURED_SAMPLES` of them, (b, 6, 3), float32.
     between
         Distances in the triangles of the block alone.
+    marked
+        Edges to mark as sharp, pairs of vertices of the part, (E, 2).
     turning
         How far the normals of the faces of the block alone turn.
     report
@@ -92,6 +95,7 @@ class SolvedBlock:
     piece: Indices
     blended: Indices
     parts: NDArray[np.float32]
+    marked: Indices
     between: Spread
     turning: Turning
     report: dict[str, Any]
@@ -118,7 +122,7 @@ class SolvedBlock:
         _, head, arrays, _ = unpack({BLOCK.version: BLOCK}, io.BytesIO(data), name)
         text = json.loads(arrays.pop("text").tobytes())
         own = {item.name: arrays.pop(item.name) for item in fields(cls) if item.name in _BLOCK}
-        own |= {name: own[name].astype(np.int64) for name in ("patch", "piece", "blended")}
+        own |= {name: own[name].astype(np.int64) for name in ("patch", "piece", "blended", "marked")}
         between, turning = Spread.from_list(text["between"]), Turning(*text["turning"])
         return cls(_surface(head, arrays), **own, between=between, turning=turning, report=text["report"])
 

@@ -4,8 +4,9 @@ Every file appears when it is complete, so a job that was killed goes on from wh
 
     job.json          what the job is: a fingerprint of the mesh, the settings, the size of the blocks
     blocks/00000.npz  a solved block (see `content`); its presence says that the block is done
+    noise.json        the noise level that all blocks remove, where it had to be estimated
     parts/00000.npy   vertices and faces of the block's part: how many, then their numbers
-    vertices.npy, error.npy, patch.npy, report.json
+    vertices.npy, error.npy, patch.npy, creases.npy, report.json
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ..errors import FileFormatError, InputError
 from .content import SolvedBlock
 from .cut import Part
 
-JOB, REPORT = "job.json", "report.json"
+JOB, REPORT, CREASES = "job.json", "report.json", "creases.npy"
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,12 @@ class JobFolder:
         FileFormatError
             When the folder holds no job, or its file is damaged.
         """
-        return self._read_json(JOB)
+        return self.read_json(JOB)
 
     @property
     def report(self) -> dict[str, Any]:
         """The report of the finished job; raises as `job` does."""
-        return self._read_json(REPORT)
+        return self.read_json(REPORT)
 
     def is_there(self, name: str) -> bool:
         """Whether the folder has a file of this name."""
@@ -125,7 +126,8 @@ class JobFolder:
         with atomic_output(self.path / name) as draft:
             draft.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
 
-    def _read_json(self, name: str) -> dict[str, Any]:
+    def read_json(self, name: str) -> dict[str, Any]:
+        """Read plain values; raises `FileFormatError` where they are not there or damaged."""
         try:
             values: dict[str, Any] = json.loads((self.path / name).read_text(encoding="utf-8"))
         except FileNotFoundError:

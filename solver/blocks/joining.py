@@ -35,6 +35,8 @@ class Joined:
         Connected components of the mesh.
     turning
         How far the faces' normals turn.
+    creases
+        Edges that the blocks mark as sharp, pairs of vertices, ascending, (E, 2).
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -43,6 +45,7 @@ class Joined:
     reports: list[dict[str, Any]]
     pieces: int
     turning: Turning
+    creases: Indices
 
 
 @dataclass(eq=False)
@@ -73,7 +76,7 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
     points = np.array(mesh.positions)
     patch = np.full(len(points), -1, dtype=np.int32)
     at, within, links = _Sum(), _Sum(), _Sum()
-    between, turning, reports = Spread(), Turning(), []
+    between, turning, reports, creases = Spread(), Turning(), [], [np.zeros((0, 2), dtype=np.int64)]
     patches = pieces = 0
     for number in range(len(cut)):
         solved, part = folder.block(number), folder.part(number)
@@ -88,6 +91,9 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
         within.add(part.triangle_numbers(solved.surface.polygon)[solved.blended], solved.parts)
         between += solved.between
         turning = turning.plus(solved.turning)
+        # where blocks see different ones beside their borders, that of the edge's first vertex is asked
+        marked = np.sort(vertices[solved.marked], axis=1)
+        creases.append(marked[cut.block[marked[:, 0]] == number])
         reports.append(solved.report)
         patches += solved.surface.patches
         pieces += int(solved.piece.max(initial=-1)) + 1
@@ -96,7 +102,8 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
     points[numbers] = mesh.positions[numbers] + moved
     between += Spread.of(np.linalg.norm(within.sums()[1], axis=2)) if len(numbers) else Spread()
     turning = turning.plus(_turned(mesh, points, numbers))
-    return Joined(points, patch, between, reports, _linked(links, pieces), turning)
+    marked = np.unique(np.concatenate(creases), axis=0)
+    return Joined(points, patch, between, reports, _linked(links, pieces), turning, marked)
 
 
 def _linked(links: _Sum, pieces: int) -> int:

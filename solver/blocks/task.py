@@ -121,6 +121,7 @@ def _solved(task: BlockTask, share: Array, triangles: Indices, found: Approximat
         piece,
         blended,
         _parts(task, found, triangles, blended, counts[blended]),
+        np.zeros((0, 2), dtype=np.int64) if found.creases is None else found.creases,
         between,
         turning,
         found.report,
@@ -158,5 +159,15 @@ def _without_surface(task: BlockTask, share: Array, triangles: tuple[Indices, In
     passing = np.full(len(share), -1, dtype=np.int64)
     parts = np.zeros((0, len(MEASURED_SAMPLES), 3), dtype=np.float32)
     return SolvedBlock(
-        surface, share, task.positions, passing, np.arange(len(share)), none, parts, Spread(), Turning(), {}
+        surface,
+        share,
+        task.positions,
+        passing,
+        np.arange(len(share)),
+        none,
+        parts,
+        none.reshape(0, 2),
+        Spread(),
+        Turning(),
+        {},
     )

@@ -19,7 +19,7 @@ from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, run_to_end, within
-from .noise_level import STRONG, estimate_noise_level, mean_edge_length, smoothed_normals
+from .noise_level import STRONG, NoiseEstimate, estimate_noise_level, mean_edge_length, smoothed_normals
 from .noise_spectrum import correlated_noise
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
@@ -183,10 +183,8 @@ def _denoised(
     given: NDArray[Any], mesh: TriangleMesh, surface: Surface, noise_level: float | None, strength: float
 ) -> Steps[Denoised]:
     yield Progress("Estimating the noise", 0.0)
-    estimate = estimate_noise_level(mesh, surface)
     edge = mean_edge_length(mesh)
-    least = (CLEAN if estimate.unevenness > EVEN else CLEAN / 3) * edge
-    is_clean = estimate.is_pattern or estimate.level < least
+    estimate, least, is_clean = _estimated(mesh, surface, edge)
     correlated = None if is_clean else correlated_noise(mesh, smoothed_normals(mesh))
     found = estimate.level if correlated is None else correlated.level
     asked = strength * (found if noise_level is None else noise_level)
@@ -205,6 +203,28 @@ def _denoised(
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
     return Denoised(result, level, found, level / edge, displacement)
+
+
+def _estimated(mesh: TriangleMesh, surface: Surface, edge: float) -> tuple[NoiseEstimate, float, bool]:
+    """Return the noise, the least level that is removed, and whether there is none to be removed."""
+    estimate = estimate_noise_level(mesh, surface)
+    least = (CLEAN if estimate.unevenness > EVEN else CLEAN / 3) * edge
+    return estimate, least, estimate.is_pattern or estimate.level < least
+
+
+def removable_noise(
+    vertices: ArrayLike, faces: ArrayLike | list[list[int]], sharp_edges: ArrayLike | None = None
+) -> float:
+    """Return the noise level that `denoise` finds in a mesh, scene units; 0 where it leaves the mesh as it is."""
+    mesh = build_mesh(as_positions(vertices), faces)
+    marked = checked_edges(sharp_edges, len(mesh.vertices))
+    surface = build_surface(mesh, cut_along_marked(mesh, marked) if len(marked) else None)
+    estimate, least, is_clean = _estimated(mesh, surface, mean_edge_length(mesh))
+    if is_clean:
+        return 0.0
+    correlated = correlated_noise(mesh, smoothed_normals(mesh))
+    level = estimate.level if correlated is None else correlated.level
+    return level if level >= least else 0.0
 
 
 def _check(noise_level: float | None, strength: float) -> None:

@@ -240,7 +240,7 @@ def test_another_job_is_refused_and_left_as_it_is(terrain, tmp_path) -> None:
         approximate_blocks(vertices, faces, Settings(**FAST), block_size=800, folder=tmp_path / "other")
 
 
-@pytest.mark.parametrize("change", [{"keep_iterations": True}, {"mark_creases": True}, {"denoise": "first"}])
+@pytest.mark.parametrize("change", [{"keep_iterations": True}])
 def test_what_concerns_the_whole_is_refused(terrain, change) -> None:
     with pytest.raises(SettingsError):
         approximate_blocks(*terrain, Settings(**FAST, **change), block_size=800)
