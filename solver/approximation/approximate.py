@@ -203,7 +203,7 @@ def _bounded(surface: MeshSurface, inside: bool, hurry: bool) -> tuple[int, tupl
     """
     if inside:
         return kept_inside(surface, bounded=not hurry)
-    return 0, None if hurry else error_bounds(surface.representation())
+    return 0, None if hurry else error_bounds(surface.representation(), each=surface.runner.each)
 
 
 def _cut(
@@ -242,7 +242,7 @@ def _covered(
 ) -> MeshSurface:
     """Map the patches to the plane."""
     observe = _observing(mesh, settings, weights)
-    surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings), observe, settings, runner)
+    surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings, runner.each), observe, settings, runner)
     surface.preview = Preview(mesh, surface.patches, surface.domains, surface.blending)
     return surface
 
@@ -292,13 +292,14 @@ def _result(
 ) -> Approximation:
     """Measure a finished surface against the input, a mesh without cuts along creases."""
     representation, points, kept = found.representation, found.points, found.kept
+    each = surface.runner.each
     with watch.stage("measure"):
         jacobians, area = domain_jacobians(representation)
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
-        deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices, found.bounds)
+        deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices, found.bounds, each)
         if given.source is not None:
-            away = None if found.bounds is None else error_bounds(representation, given.source)
-            deviation = Deviation.from_mesh(representation, points, given.source, away)
+            away = None if found.bounds is None else error_bounds(representation, given.source, each=each)
+            deviation = Deviation.from_mesh(representation, points, given.source, away, each)
         before = mesh.vertices if given.source is None else given.source
         turned = faces_turned(before, points.astype(np.float64), mesh.face_offsets, mesh.face_corners)
     error = deviation.at_points

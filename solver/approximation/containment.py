@@ -41,12 +41,13 @@ def kept_inside(surface: MeshSurface, *, bounded: bool = True) -> tuple[int, tup
     bounds
         What `error_bounds` says of the surface then; None if not `bounded`.
     """
-    bounds = error_bounds(surface.representation()) if bounded else None
+    each = surface.runner.each
+    bounds = error_bounds(surface.representation(), each=each) if bounded else None
     # only a large error leads far out of the box
     if bounds is not None and bounds[1] <= ROOM * surface.mesh.longest_side:
         return 0, bounds
     reproduced = _let_through(surface, _around_uneven(surface.representation()))
-    return reproduced, error_bounds(surface.representation()) if bounded and reproduced else bounds
+    return reproduced, error_bounds(surface.representation(), each=each) if bounded and reproduced else bounds
 
 
 def _around_uneven(representation: Representation) -> Indices:
@@ -85,7 +86,7 @@ def _outside(surface: MeshSurface, asked: Indices) -> Booleans:
     """Triangles among those asked for that leave the box, (T,)."""
     mesh, representation = surface.mesh, surface.representation()
     room = ROOM * mesh.longest_side
-    far = asked[exceeding(representation, room, asked)]
+    far = asked[exceeding(representation, room, asked, each=surface.runner.each)]
     points = representation.evaluate(np.repeat(far, len(GRID)), np.tile(GRID, (len(far), 1))).reshape(-1, len(GRID), 3)
     used = mesh.vertices[np.unique(mesh.triangles)]
     out = ((points < used.min(axis=0) - room) | (points > used.max(axis=0) + room)).any(axis=(1, 2))

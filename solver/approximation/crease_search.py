@@ -59,7 +59,7 @@ def cut_along_creases(
         return mesh, False
     patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted)
     look = replace(settings, iterations=min(LOOK, settings.iterations), keep_iterations=False)
-    surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings), observe, look, runner)
+    surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings, runner.each), observe, look, runner)
     if (yield from surface.fit()):
         return mesh, True
     representation = surface.representation()

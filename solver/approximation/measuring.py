@@ -13,6 +13,7 @@ from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native.library import reason_for_numpy
+from ..processes.each import Each
 from ..surface.creases import crease_report
 from ..surface.metrics import normal_error, seam, statistics, surface_error
 from ..surface.representation import Representation
@@ -43,7 +44,12 @@ class Deviation:
 
     @classmethod
     def from_mesh(
-        cls, representation: Representation, points: NDArray[Any], vertices: Array, bounds: tuple[float, float] | None
+        cls,
+        representation: Representation,
+        points: NDArray[Any],
+        vertices: Array,
+        bounds: tuple[float, float] | None,
+        each: Each = map,
     ) -> Deviation:
         """Compare the surface, and its `points` at the vertices (V, 3), with the flat mesh between `vertices`.
 
@@ -52,7 +58,7 @@ class Deviation:
         stored, triangles = points.astype(np.float64), representation.triangles
         return cls(
             np.linalg.norm(stored - vertices, axis=1),
-            surface_error(representation, vertices=vertices),
+            surface_error(representation, vertices=vertices, each=each),
             normal_error(vertices, stored, triangles),
             float(np.ptp(vertices[np.unique(triangles)], axis=0).max()),
             bounds,
@@ -118,7 +124,7 @@ def measure(
     """Fill in the report of a finished surface; `counts` are added to what `Report.input` says of the mesh."""
     with watch.stage("measure"):
         measures = deviation.measures()
-        jump = seam(representation)
+        jump = seam(representation, surface.runner.each)
     return Report(
         version=VERSION,
         method=surface.settings.method,

@@ -17,6 +17,7 @@ from ..arrays import Array, Booleans, Indices, offsets_of, runs_of_rows
 from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
+from ..processes.each import all_done
 from ..surface.representation import Representation
 from .patched_surface import Observing, PatchedSurface
 
@@ -165,7 +166,12 @@ def errors_between(surface: MeshSurface) -> Array:
     functions, triangles = representation.native_functions, representation.triangles
     if functions is not None:
         where = representation.native_blend._replace(weights=representation.weights[representation.corners])
-        errors = native.largest_errors(functions, where, mesh.vertices, triangles, NEAR_EDGES)
+        errors = np.empty(len(where.corners))
+
+        def measure(run: tuple[int, int]) -> None:
+            native.largest_errors(functions, where, run, (mesh.vertices, triangles), NEAR_EDGES, errors)
+
+        all_done(surface.runner.each, measure, runs_of_rows(representation.triangle_offsets, OBSERVED_AT_ONCE))
         return np.maximum.reduceat(errors, starts) if len(starts) else np.zeros(0)
     errors = np.empty(len(representation.mesh_triangles))
     for rows, values in representation.at_patch_samples(NEAR_EDGES):
@@ -180,9 +186,13 @@ def _errors_observed(surface: MeshSurface) -> Array:
     fits, observations = surface.fits, surface.observations
     largest = np.zeros(len(fits))
     offsets = offsets_of(np.array([len(fit.values) for fit in fits], dtype=np.int64))
-    for first, end in runs_of_rows(offsets, OBSERVED_AT_ONCE):
+
+    def measure(run: tuple[int, int]) -> None:
+        first, end = run
         number, blending = surface.blends(np.arange(first, end))
         away = np.concatenate([fit.values for fit in fits[first:end]]) - observations.points[number]
         error = np.linalg.norm(away, axis=1) * blending
         largest[first:end] = np.maximum.reduceat(error, offsets[first:end] - offsets[first])
+
+    all_done(surface.runner.each, measure, runs_of_rows(offsets, OBSERVED_AT_ONCE))
     return largest

@@ -96,7 +96,8 @@ class PatchedSurface(Generic[Observing]):
         runner: ChunkRunner,
     ) -> PatchedSurface[Observing]:
         """Cover a mesh with patches of `settings.ring` and map them to the plane."""
-        return cls(mesh, *with_domains(mesh, cover(mesh, settings.ring), settings), observe, settings, runner)
+        patches, domains = with_domains(mesh, cover(mesh, settings.ring), settings, runner.each)
+        return cls(mesh, patches, domains, observe, settings, runner)
 
     @property
     def fits(self) -> list[PatchFit]:
@@ -191,7 +192,7 @@ class PatchedSurface(Generic[Observing]):
         patches = overlay_patches(self.mesh, self.patches, wanted, ring, level)
         blending = blending_weights(self.mesh, patches, settings.blending)
         new = patches.select(np.arange(count, len(patches)))
-        domains = initial_domains(self.mesh, new, settings.initial_domain)
+        domains = initial_domains(self.mesh, new, settings.initial_domain, self.runner.each)
         own = blending[patches.vertex_offsets[count] :]
         layer = PatchedSurface(self.mesh, new, domains, self._observe, settings, self.runner, own)
         done = 0

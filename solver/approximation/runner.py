@@ -12,6 +12,7 @@ from ..fitting.chunks import PatchFit
 from ..fitting.gathered import MeshTask, Task
 from ..fitting.native_chunks import fit_chunk
 from ..native.library import reason_for_numpy
+from ..processes.each import Each
 from ..processes.memory import peak_memory_mb
 from ..processes.pool import WorkerExecutor, physical_cores
 from ..settings import Settings
@@ -67,6 +68,11 @@ class ChunkRunner:
         finally:
             for _, future in waiting:
                 future.cancel()
+
+    @property
+    def each(self) -> Each:
+        """What applies functions to the parts of large arrays: in the threads that fit chunks, where there are any."""
+        return self.executor.map if self.executor is not None and self.threads else map
 
     def peak_memory_mb(self) -> float:
         """Largest resident memory of this process and of worker processes of its own, summed, in megabytes."""

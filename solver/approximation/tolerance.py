@@ -104,7 +104,9 @@ def _outside(surface: MeshSurface, asked: Booleans) -> Booleans:
     """Triangles among those asked for whose error may exceed the tolerance somewhere, (T,)."""
     triangles = np.flatnonzero(asked)
     result = np.zeros(len(asked), dtype=bool)
-    result[triangles] = exceeding(surface.representation(), MARGIN * surface.settings.tolerance, triangles)
+    result[triangles] = exceeding(
+        surface.representation(), MARGIN * surface.settings.tolerance, triangles, each=surface.runner.each
+    )
     return result
 
 

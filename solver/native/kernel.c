@@ -15,5 +15,6 @@
 #include "representation.c"
 #include "taylor.c"
 #include "cover.c"
+#include "disks.c"
 #include "parts.c"
 #include "parameterisation.c"

@@ -187,22 +187,32 @@ def with_patches(functions: Functions, blend: Blend, runs: Indices, inside: Arra
     return points.T
 
 
-def largest_errors(functions: Functions, blend: Blend, vertices: Array, triangles: Indices, samples: Array) -> Array:
-    """Largest distance of each patch triangle from its flat triangle, times the blending weight there, (S,).
+def largest_errors(
+    functions: Functions,
+    blend: Blend,
+    run: tuple[int, int],
+    flat: tuple[Array, Indices],
+    samples: Array,
+    errors: Array,
+) -> None:
+    """Put the largest distance of patch triangles from their flat ones, times the blending weight, into `errors`, (S,).
 
     Parameters
     ----------
-    vertices, triangles
-        The mesh, (V, 3) and (T, 3).
+    run
+        The first of the patches that are compared, and one past the last.
+    flat
+        The mesh: vertices (V, 3), triangles (T, 3).
     samples
         Barycentric coordinates of the places that are compared in every triangle, (q, 3).
     """
-    memory, errors = _Memory(), np.empty(len(blend.corners))
-    native, where = memory.functions(functions), memory.blend(blend)
-    points, corners, inside = memory.real(vertices), memory.whole(triangles), memory.real(samples)
+    memory, own = _Memory(), slice(*run)
+    tables = {name: getattr(functions, name)[own] for name in ("support", "coefficients", "origins", "scales")}
+    native = memory.functions(functions._replace(**tables))
+    where = memory.blend(blend._replace(triangle_offsets=blend.triangle_offsets[run[0] : run[1] + 1]))
+    points, corners, inside = memory.real(flat[0]), memory.whole(flat[1]), memory.real(samples)
     comparison = _Comparison(points, corners, len(samples), inside, memory.real(errors))
     _run("largest_errors", byref(native), byref(where), byref(comparison))
-    return errors
 
 
 def parts_models(

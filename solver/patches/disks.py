@@ -6,7 +6,7 @@ triangles).  All rings are checked at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
@@ -14,6 +14,9 @@ from scipy.sparse import csr_array, vstack
 from ..arrays import Booleans, Indices
 from ..mesh.edges import connected_parts
 from ..mesh.triangle_mesh import TriangleMesh
+from ..native import disks as native
+from ..native.graphs import Graph
+from ..native.library import reason_against
 
 _LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
 _LARGEST_GAP = 0.25  # filled gap, as a share of the patch's triangles
@@ -67,6 +70,10 @@ def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int) -> Disks:
 
 def ring_triangles(mesh: TriangleMesh, centres: Indices, ring: int) -> csr_array:
     """Return the triangles that touch the (ring - 1)-ring of each centre as a (K, T) boolean matrix."""
+    if reason_against() is None:
+        found = _native(mesh).rings(centres, ring)
+        shape = len(centres), len(mesh.triangles)
+        return csr_array((np.ones(len(found.triangles), dtype=bool), found.triangles, found.offsets), shape=shape)
     ball = csr_array(
         (np.ones(len(centres), dtype=bool), centres, np.arange(len(centres) + 1)),
         shape=(len(centres), mesh.node_count),
@@ -80,12 +87,39 @@ def ring_triangles(mesh: TriangleMesh, centres: Indices, ring: int) -> csr_array
 
 def held_nodes(mesh: TriangleMesh, members: csr_array) -> Booleans:
     """Return the nodes that some patch contains with all of their triangles, (N,)."""
+    if reason_against() is None:
+        return _native(mesh).held(as_members(members))
     held = np.zeros(mesh.node_count, dtype=bool)
     fan_sizes, nodes = np.diff(mesh.fan_offsets), _countable(mesh.incidence.T)
     for rows in row_chunks(members):
         counts = _count(rows, nodes)
         held[counts.indices[counts.data == fan_sizes[counts.indices]]] = True
     return held
+
+
+def as_members(members: csr_array) -> native.Members:
+    """Return the rows of a matrix as the compiled kernel takes them."""
+    return native.Members(members.indptr.astype(np.int64), members.indices.astype(np.int64))
+
+
+def _native(mesh: TriangleMesh) -> native.Surface:
+    """Return a mesh as the compiled kernel takes it, without holes."""
+    return native.Surface(
+        Graph(mesh.adjacency.indptr, mesh.adjacency.indices),
+        mesh.fan_offsets,
+        mesh.fan_triangles,
+        mesh.nodes,
+        mesh.triangle_edges,
+        mesh.edges,
+        np.zeros(0, dtype=np.int64),
+        np.zeros(0, dtype=np.int64),
+        mesh.twin_of_edge,
+    )
+
+
+def numbered_nodes(mesh: TriangleMesh, members: csr_array) -> native.Numbered:
+    """Number the nodes of each patch, by the compiled kernel."""
+    return _native(mesh).numbered(as_members(members))
 
 
 def _countable(what: csr_array) -> csr_array:
@@ -160,6 +194,8 @@ def _are_disks(mesh: TriangleMesh, limits: _Limits, members: csr_array) -> Boole
     Patches are connected, and around each node there is one fan.  So a boundary with two sides at each of its vertices
     makes a patch a surface with boundary, and of these only the disk has Euler characteristic 1.
     """
+    if reason_against() is None:
+        return replace(_native(mesh), hole=limits.hole, hole_sides=limits.hole_sides).are_disks(as_members(members))
     what = _countable(mesh.incidence.T), _countable(mesh.triangle_edge_incidence)
     return np.concatenate(
         [np.zeros(0, dtype=bool), *(_are_disks_in_chunk(mesh, limits, m, *what) for m in row_chunks(members))]

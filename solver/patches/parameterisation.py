@@ -17,6 +17,7 @@ from ..arrays import Array, Booleans, Indices, runs_of_rows
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native import maps as native
 from ..native.library import reason_against
+from ..processes.each import Each, all_done
 from .linear_systems import solve_held
 from .loops import Loops, boundary_loops
 from .patches import Patches
@@ -46,12 +47,14 @@ class InitialDomains:
     method: Indices
 
 
-def initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm") -> Array:
+def initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm", each: Each = map) -> Array:
     """Return the domain of each patch vertex, (M, 2); see `solve_initial_domains`."""
-    return solve_initial_domains(mesh, patches, method).points
+    return solve_initial_domains(mesh, patches, method, each).points
 
 
-def solve_initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "lscm") -> InitialDomains:
+def solve_initial_domains(
+    mesh: TriangleMesh, patches: Patches, method: str = "lscm", each: Each = map
+) -> InitialDomains:
     """Map each patch to the plane without turning a triangle over.
 
     Parameters
@@ -66,9 +69,13 @@ def solve_initial_domains(mesh: TriangleMesh, patches: Patches, method: str = "l
     """
     points = np.zeros((len(patches.vertices), 2))
     chosen = np.zeros(len(patches), dtype=np.int64)
-    for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
-        rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
-        points[rows], chosen[low:high] = _solve_chunk(mesh, patches.select(np.arange(low, high)), METHODS.index(method))
+
+    def solve(run: tuple[int, int]) -> None:
+        rows = slice(*patches.vertex_offsets[list(run)])
+        part = patches.select(np.arange(*run))
+        points[rows], chosen[slice(*run)] = _solve_chunk(mesh, part, METHODS.index(method))
+
+    all_done(each, solve, runs_of_rows(patches.vertex_offsets, _CHUNK))
     return InitialDomains(points, chosen)
 
 
@@ -91,10 +98,12 @@ class DomainQuality:
     unusable: Booleans
 
 
-def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Array) -> DomainQuality:
+def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Array, each: Each = map) -> DomainQuality:
     """Tell how evenly each domain, (M, 2), holds its surface."""
     squeeze, unusable = np.zeros(len(patches)), np.zeros(len(patches), dtype=bool)
-    for low, high in runs_of_rows(patches.vertex_offsets, _CHUNK):
+
+    def tell(run: tuple[int, int]) -> None:
+        low, high = run
         part = patches.select(np.arange(low, high))
         rows = slice(patches.vertex_offsets[low], patches.vertex_offsets[high])
         ratio = np.maximum(_area_ratios(_Geometry.of(mesh, part), part, domains[rows]), 0.0)
@@ -106,6 +115,8 @@ def domain_quality(mesh: TriangleMesh, patches: Patches, domains: Array) -> Doma
         worst, median = worst / (1.0 - worst), median / (1.0 - median)
         np.divide(worst, median, out=squeeze[low:high], where=median > 0)
         unusable[low:high] = ranked[first] < _UNUSABLE_RATIO
+
+    all_done(each, tell, runs_of_rows(patches.vertex_offsets, _CHUNK))
     return DomainQuality(squeeze, unusable)
 
 

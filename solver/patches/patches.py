@@ -18,8 +18,9 @@ from ..arrays import Booleans, Indices, offsets_of, row_positions
 from ..mesh.normals import triangle_areas
 from ..mesh.topology import solve_winding
 from ..mesh.triangle_mesh import TriangleMesh
+from ..native.library import reason_against
 from .cover import build_cover
-from .disks import Disks, held_nodes, largest_disks, row_chunks
+from .disks import Disks, held_nodes, largest_disks, numbered_nodes, row_chunks
 
 _OF_PATCHES, _OF_VERTICES = ("centres", "rings", "levels"), ("vertices", "nodes", "rim_distance")
 _OF_TRIANGLES = ("triangles", "mesh_triangles")
@@ -207,30 +208,37 @@ def _deepest(mesh: TriangleMesh, patches: Patches) -> Indices:
 class _Local:
     """Local vertices of some patches.
 
-    `node`, `patch`, `triangle_count`: of the M local vertices, sorted by patch and node; `corners`: (S, 3) positions
-    in them; `row`: patch of each triangle; `mesh_triangle`: (S,).
+    `node`, `rim_distance`: of the M local vertices, sorted by patch and node; `sizes`: how many each patch has, (K,);
+    `corners`: (S, 3) numbers within the patch; `row`: patch of each triangle; `mesh_triangle`: (S,).
     """
 
     node: Indices
-    patch: Indices
-    triangle_count: Indices
+    rim_distance: Indices
+    sizes: Indices
     corners: Indices
     row: Indices
     mesh_triangle: Indices
-    patch_count: int
 
     @classmethod
     def of(cls, mesh: TriangleMesh, members: csr_array) -> _Local:
         row = np.repeat(np.arange(members.shape[0]), np.diff(members.indptr))
         triangle = members.indices.astype(np.int64)
+        if reason_against() is None:
+            found = numbered_nodes(mesh, members)
+            return cls(found.nodes, found.rim_distance, found.sizes, found.corners, row, triangle)
         key = (row[:, None] * np.int64(mesh.node_count) + mesh.nodes[triangle]).reshape(-1)
         keys, corners, count = np.unique(key, return_inverse=True, return_counts=True)
         patch, node = np.divmod(keys, np.int64(mesh.node_count))
-        return cls(node, patch, count, corners.reshape(-1, 3), row, triangle, members.shape[0])
+        corners = corners.reshape(-1, 3)
+        sizes = np.bincount(patch, minlength=members.shape[0])
+        distance = _distance_to_rim(corners, count < np.diff(mesh.fan_offsets)[node])
+        return cls(node, distance, sizes, corners - offsets_of(sizes)[:-1][row][:, None], row, triangle)
 
 
 def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
-    pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in row_chunks(disks.members)]
+    # NumPy numbers the nodes of some patches at a time, so that memory stays bounded
+    parts = row_chunks(disks.members) if reason_against() else [disks.members]
+    pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in parts]
     nodes, sizes, triangles, mesh_triangles, rim_distance = map(np.concatenate, zip(*pieces, strict=True))
     return Patches(
         centres=mesh.node_vertex[disks.centres],
@@ -252,20 +260,18 @@ def _assemble_chunk(
 ) -> tuple[Indices, Indices, Indices, Indices, Indices]:
     """Return nodes, patch sizes, local triangles, mesh triangles and rim distances of some patches."""
     local = _Local.of(mesh, members)
-    sizes = np.bincount(local.patch, minlength=local.patch_count)
-    first = offsets_of(sizes)[:-1]
-    turned = _winding_in_patches(mesh, local) < 0
-    corners = local.corners.copy()
-    corners[turned] = corners[turned][:, [0, 2, 1]]
-    rim = local.triangle_count < np.diff(mesh.fan_offsets)[local.node]
-    distance = _distance_to_rim(local, rim)
-    distance[passed_through[mesh.node_vertex[local.node]]] = 0
-    return local.node, sizes, corners - first[local.row][:, None], local.mesh_triangle, distance
+    corners = local.corners
+    if (mesh.winding != 1).any():
+        turned = _winding_in_patches(mesh, local) < 0
+        corners = corners.copy()
+        corners[turned] = corners[turned][:, [0, 2, 1]]
+    distance = np.where(passed_through[mesh.node_vertex[local.node]], 0, local.rim_distance)
+    return local.node, local.sizes, corners, local.mesh_triangle, distance
 
 
 def _winding_in_patches(mesh: TriangleMesh, local: _Local) -> NDArray[np.int8]:
     winding = mesh.winding[local.mesh_triangle]
-    open_question = np.zeros(local.patch_count, dtype=bool)
+    open_question = np.zeros(len(local.sizes), dtype=bool)
     open_question[local.row[winding == 0]] = True
     chosen = np.flatnonzero(open_question[local.row])
     if len(chosen):
@@ -286,10 +292,10 @@ def _solve_patch_winding(mesh: TriangleMesh, local: _Local, chosen: Indices) -> 
     return solve_winding(len(chosen), pairs, start[one] != start[two], areas)
 
 
-def _distance_to_rim(local: _Local, rim: Booleans) -> Indices:
-    """Walk inwards from the rims of all patches at once."""
-    start = local.corners.reshape(-1)
-    end = np.roll(local.corners, -1, axis=1).reshape(-1)
+def _distance_to_rim(corners: Indices, rim: Booleans) -> Indices:
+    """Walk inwards from the rims of all patches at once; `corners` (S, 3) are those of triangles of separate pieces."""
+    start = corners.reshape(-1)
+    end = np.roll(corners, -1, axis=1).reshape(-1)
     reached = rim.copy()
     distance = np.where(rim, 0, -1)
     step = 0

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arrays import Array, Indices
 from ..mesh.triangle_mesh import TriangleMesh
+from ..processes.each import Each
 from ..settings import Settings
 from .parameterisation import domain_quality, initial_domains
 from .patches import Patches, refine_patches
@@ -21,7 +22,7 @@ SMALLER_RINGS = (4, 3, 2, 1)
 SMALLEST_SQUEEZED_RING = 2
 
 
-def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings) -> tuple[Patches, Array]:
+def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings, each: Each = map) -> tuple[Patches, Array]:
     """Map each patch to the plane, splitting those that are badly squeezed.
 
     Without `settings.adaptive` only those are split that no map can hold, such as a plane with a long thin finger.
@@ -31,8 +32,8 @@ def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings) -> tu
     patches, domains
         Domains in scene units, (M, 2).
     """
-    domains = initial_domains(mesh, patches, settings.initial_domain)
-    smallest = _smallest_rings(mesh, patches, domains, settings)
+    domains = initial_domains(mesh, patches, settings.initial_domain, each)
+    smallest = _smallest_rings(mesh, patches, domains, settings, each)
     for ring in SMALLER_RINGS:
         bad = (patches.rings > ring) & (smallest <= ring)
         if ring >= settings.ring or not bad.any():
@@ -40,14 +41,14 @@ def with_domains(mesh: TriangleMesh, patches: Patches, settings: Settings) -> tu
         refined, new = refine_patches(mesh, patches, bad, ring)
         added = refined.select(new)
         kept = np.repeat(~bad, np.diff(patches.vertex_offsets))
-        fresh = initial_domains(mesh, added, settings.initial_domain)
-        smallest = np.concatenate([smallest[~bad], _smallest_rings(mesh, added, fresh, settings)])
+        fresh = initial_domains(mesh, added, settings.initial_domain, each)
+        smallest = np.concatenate([smallest[~bad], _smallest_rings(mesh, added, fresh, settings, each)])
         patches, domains = refined, np.concatenate([domains[kept], fresh])
     return patches, domains
 
 
-def _smallest_rings(mesh: TriangleMesh, patches: Patches, domains: Array, settings: Settings) -> Indices:
+def _smallest_rings(mesh: TriangleMesh, patches: Patches, domains: Array, settings: Settings, each: Each) -> Indices:
     """Return down to which ring each patch may be split, (K,); a good one is not split at all."""
-    quality = domain_quality(mesh, patches, domains)
+    quality = domain_quality(mesh, patches, domains, each)
     squeezed = quality.squeeze < SQUEEZED if settings.adaptive else np.zeros(len(patches), dtype=bool)
     return np.where(quality.unusable, 1, np.where(squeezed, SMALLEST_SQUEEZED_RING, settings.ring))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..native import surface as native
+from ..processes.each import Each, all_done
 from .closing import Closing
 from .representation import Representation
 from .taylor import LATTICE, ROUGH_LATTICE, DerivativeBounds, Expansions, Lattice
@@ -60,7 +61,10 @@ FOUR = (
 
 
 def error_bounds(
-    representation: Representation, vertices: Array | None = None, accuracy: float = ACCURACY
+    representation: Representation,
+    vertices: Array | None = None,
+    accuracy: float = ACCURACY,
+    each: Each = map,
 ) -> tuple[float, float]:
     """Bounds of the largest distance |S(b) - x(b)| between the surface and the points of the same parameters.
 
@@ -73,6 +77,8 @@ def error_bounds(
     accuracy
         The bounds differ by no more than this share of the upper one, unless that is rounding or `MOST_SPLITS` ends the
         search.
+    each
+        Bounds parts of the surface, perhaps several at once.
 
     Returns
     -------
@@ -81,11 +87,11 @@ def error_bounds(
     """
     error = _ErrorModel.of(representation, vertices)
     parts = _Parts.whole(np.arange(len(representation.triangles)))
-    low, high = error.bounds(parts, ROUGH_LATTICE)
+    low, high = error.bounds(parts, ROUGH_LATTICE, each)
     lower = upper = float(low.max(initial=0.0))
     parts = parts.select(high > lower)
     for splits in range(MOST_SPLITS + 1):
-        low, high = error.bounds(parts)
+        low, high = error.bounds(parts, each=each)
         lower = max(lower, float(low.max(initial=0.0)))
         settled = high <= max(lower * (1.0 + accuracy), error.negligible)
         if splits == MOST_SPLITS or np.count_nonzero(~settled) > max(MOST_PARTS, len(representation.triangles)):
@@ -98,7 +104,11 @@ def error_bounds(
 
 
 def exceeding(
-    representation: Representation, tolerance: float, triangles: Indices | None = None, vertices: Array | None = None
+    representation: Representation,
+    tolerance: float,
+    triangles: Indices | None = None,
+    vertices: Array | None = None,
+    each: Each = map,
 ) -> NDArray[np.bool_]:
     """Whether the error may exceed a tolerance, for all triangles (T,) or for those named; False is guaranteed.
 
@@ -108,9 +118,9 @@ def exceeding(
     error = _ErrorModel.of(representation, vertices)
     outside = np.zeros(len(representation.triangles), dtype=bool)
     parts = _Parts.whole(asked)
-    parts = parts.select(error.bounds(parts, ROUGH_LATTICE)[1] > tolerance)
+    parts = parts.select(error.bounds(parts, ROUGH_LATTICE, each)[1] > tolerance)
     for _ in range(MOST_SPLITS + 1):
-        low, high = error.bounds(parts)
+        low, high = error.bounds(parts, each=each)
         outside[parts.triangle[low > tolerance]] = True
         undecided = (high > tolerance) & ~outside[parts.triangle]
         parts = parts.select(undecided)
@@ -181,12 +191,24 @@ class _ErrorModel:
         sizes = (np.abs(points).max(initial=0.0) for points in (self.surface.vertices, self.flat, self.surface.origins))
         return float(ROUNDING * max(sizes))
 
-    def bounds(self, parts: _Parts, lattice: Lattice = LATTICE) -> tuple[Array, Array]:
+    def bounds(self, parts: _Parts, lattice: Lattice = LATTICE, each: Each = map) -> tuple[Array, Array]:
         """Lower and upper bounds of the largest error on each part, (P,) each."""
         lower, upper = np.empty(len(parts.triangle)), np.empty(len(parts.triangle))
-        for block in self._blocks(parts):
+
+        def bound(block: slice) -> None:
             lower[block], upper[block] = self._bounds(parts.select(block), lattice)
+
+        self._prepare()
+        all_done(each, bound, self._blocks(parts))
         return lower, upper
+
+    def _prepare(self) -> None:
+        """Compute what all blocks share, before several begin at once."""
+        surface = self.surface
+        _ = surface.native_functions, surface.native_blend, surface.input_weights, surface.patch_of_triangle
+        _ = self._derivative_bounds, surface.dictionary
+        if self.closing is not None:
+            self.closing.prepare()
 
     def _blocks(self, parts: _Parts) -> Iterator[slice]:
         """Runs of parts that hold together in memory."""

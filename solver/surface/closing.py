@@ -189,6 +189,10 @@ class Closing:
         # the parameter of the polynomials runs from -1 to 1
         return value, np.divide(2.0 * slope, total, out=np.zeros_like(slope), where=known)
 
+    def prepare(self) -> None:
+        """Compute what is kept, before several threads ask for it."""
+        _ = self._slopes, self._limits
+
     @cached_property
     def _slopes(self) -> Array:
         slopes: Array = np.asarray(chebyshev.chebder(self.polynomials, axis=1), dtype=np.float64)

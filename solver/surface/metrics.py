@@ -13,12 +13,13 @@ from ..fitting.domain_energy import DomainEnergy, determinant
 from ..mesh.edges import edge_keys
 from ..mesh.normals import angle_between, face_normals
 from ..mesh.sampling import MEASURED_SAMPLES
+from ..processes.each import Each, all_done
 from .representation import Representation
 
 EDGE_SAMPLES = np.array([0.2, 0.5, 0.8])
 """Where the jump across a patch's rim is measured along an edge."""
 
-POINTS_AT_ONCE, TRIANGLES_AT_ONCE = 600_000, 100_000
+POINTS_AT_ONCE, TRIANGLES_AT_ONCE = 150_000, 100_000
 """Measured together: more would only take memory."""
 
 
@@ -39,6 +40,7 @@ def surface_error(
     triangles: Indices | None = None,
     samples: Array = MEASURED_SAMPLES,
     vertices: Array | None = None,
+    each: Each = map,
 ) -> Array:
     """|S(x) - x| at `samples` (q, 3) of every triangle, (T, q), or of the `triangles` named only.
 
@@ -47,11 +49,15 @@ def surface_error(
     vertices = representation.vertices if vertices is None else vertices
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
     distance = np.empty((len(asked), len(samples)))
-    for block in _blocks(len(asked), len(samples)):
+
+    def measure(block: slice) -> None:
         face = asked[block]
         flat = np.einsum("sk,tkd->tsd", samples, vertices[representation.triangles[face]])
         points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
         distance[block] = np.linalg.norm(points.reshape(flat.shape) - flat, axis=2)
+
+    representation.prepare()
+    all_done(each, measure, _blocks(len(asked), len(samples)))
     return distance
 
 
@@ -62,16 +68,18 @@ def _blocks(count: int, points_each: int) -> Iterator[slice]:
         yield slice(start, start + step)
 
 
-def seam(representation: Representation) -> float:
+def seam(representation: Representation, each: Each = map) -> float:
     """Largest jump of the surface across patches' rims, the edges between triangles that different patches cover."""
     pairs = pairs_across_edges(representation)
     pairs = pairs.select(pairs.on_rim)
-    largest = 0.0
-    for block in _blocks(len(pairs), 2 * len(EDGE_SAMPLES)):
+
+    def jump(block: slice) -> float:
         faces, corners = pairs.select(block).samples(EDGE_SAMPLES)
         points = representation.evaluate(faces.ravel(), corners.reshape(-1, 3)).reshape(*faces.shape, 3)
-        largest = max(largest, float(np.linalg.norm(points[:, 0] - points[:, 1], axis=2).max()))
-    return largest
+        return float(np.linalg.norm(points[:, 0] - points[:, 1], axis=2).max())
+
+    representation.prepare()
+    return max(each(jump, _blocks(len(pairs), 2 * len(EDGE_SAMPLES))), default=0.0)
 
 
 @dataclass(frozen=True)

@@ -103,6 +103,12 @@ class Representation(Saved):
         found = vars(other)
         vars(self).update((name, found[name]) for name in COVER_ALONE if name in found)
 
+    def prepare(self) -> None:
+        """Compute what is kept for evaluating, before several threads ask for it."""
+        _ = self.dictionary, self.input_weights, self.native_functions, self.native_blend
+        if len(self.creases):
+            self.closing.prepare()
+
     @cached_property
     def dictionary(self) -> Dictionary:
         """The basis functions that `support` counts."""

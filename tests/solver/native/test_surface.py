@@ -105,7 +105,9 @@ def test_the_largest_errors_are_those_at_the_samples(functions: surface.Function
     rng = np.random.default_rng(8)
     vertices, triangles = rng.normal(size=(4, 3)), np.array([[0, 1, 2], [2, 1, 3]])
     samples = rng.dirichlet([1.0, 1.0, 1.0], 130)  # two blocks
-    found = surface.largest_errors(functions, blend, vertices, triangles, samples)
+    found = np.full(3, np.nan)
+    for patch in (1, 0):
+        surface.largest_errors(functions, blend, (patch, patch + 1), (vertices, triangles), samples, found)
     for own, patch in enumerate((0, 0, 1)):
         places = [samples @ domain[blend.corners[own]] for domain in blend.domains]
         points = np.stack([value(functions, patch, axis, *places[axis % len(places)].T) for axis in range(3)], axis=1)
