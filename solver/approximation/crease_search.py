@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array, Booleans
+from ..arrays import Array, Booleans, any_of, folded
 from ..mesh.potential_creases import PotentialCreases, alone_between_their_vertices, potential_creases
 from ..mesh.triangle_mesh import TriangleMesh, cut_along
 from ..patches.cover import build_cover
@@ -99,8 +99,8 @@ def _completed(mesh: TriangleMesh, dihedral: Array, creases: Booleans) -> Boolea
     for _ in range(ROUNDS):
         on = np.zeros(mesh.node_count, dtype=bool)
         on[mesh.edges[creases]] = True
-        has = np.asarray((creases[mesh.triangle_edges] & (mesh.triangle_edges >= 0)).any(axis=1))
-        joins = bends & ~creases & on[mesh.edges].all(axis=1) & has[mesh.edge_triangles].any(axis=1)
+        has = any_of(creases[mesh.triangle_edges] & (mesh.triangle_edges >= 0))
+        joins = bends & ~creases & folded(np.logical_and, on[mesh.edges]) & any_of(has[mesh.edge_triangles])
         if not joins.any():
             break
         creases |= joins

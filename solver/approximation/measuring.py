@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, extent_of, length_of
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
@@ -57,10 +57,10 @@ class Deviation:
         """
         stored, triangles = points.astype(np.float64), representation.triangles
         return cls(
-            np.linalg.norm(stored - vertices, axis=1),
+            length_of(stored - vertices),
             surface_error(representation, vertices=vertices, each=each),
             normal_error(vertices, stored, triangles),
-            float(np.ptp(vertices[np.unique(triangles)], axis=0).max()),
+            float(extent_of(vertices[np.unique(triangles)]).max()),
             bounds,
         )
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, offsets_of, runs_of_rows
+from ..arrays import Array, Booleans, Indices, largest_of, length_of, offsets_of, rows_at, runs_of_rows
 from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
@@ -142,7 +142,7 @@ class UnevenTriangles:
         sides = np.sqrt(np.maximum.reduce(squares).max(axis=0))
         offsets = representation.triangle_offsets
         median = np.array([_median(sides[first:end]) for first, end in pairwise(offsets)])
-        seen = representation.corner_weights.max(axis=1, initial=0.0) > 0.0
+        seen = largest_of(representation.corner_weights) > 0.0
         return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)
 
     def largest_error(self, surface: MeshSurface, patch: int) -> float:
@@ -190,8 +190,8 @@ def _errors_observed(surface: MeshSurface) -> Array:
     def measure(run: tuple[int, int]) -> None:
         first, end = run
         number, blending = surface.blends(np.arange(first, end))
-        away = np.concatenate([fit.values for fit in fits[first:end]]) - observations.points[number]
-        error = np.linalg.norm(away, axis=1) * blending
+        away = np.concatenate([fit.values for fit in fits[first:end]]) - rows_at(observations.points, number)
+        error = length_of(away) * blending
         largest[first:end] = np.maximum.reduceat(error, offsets[first:end] - offsets[first])
 
     all_done(surface.runner.each, measure, runs_of_rows(offsets, OBSERVED_AT_ONCE))

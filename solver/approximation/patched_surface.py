@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, offsets_of
+from ..arrays import Array, Booleans, Indices, offsets_of, sum_of
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
 from ..fitting.gathered import MeshTask, Remainder, Task, joined_values
 from ..fitting.methods.variable_projection import EARLY_MISFIT
@@ -337,7 +337,7 @@ class PatchedSurface(Generic[Observing]):
             own = [fitting_weights(one.blending, one.weights, self.settings.blending) for one in each]
             points = self.observations.points[np.concatenate([one.number for one in each])]
             weights = np.concatenate(own)
-        squares = weights * ((joined_values(fits) - points) ** 2).sum(axis=1)
+        squares = weights * sum_of((joined_values(fits) - points) ** 2)
         total = np.add.reduceat(weights, offsets)
         return np.add.reduceat(squares, offsets) * scale**2 / np.where(total > 0.0, total, 1.0)
 

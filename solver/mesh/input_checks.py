@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, Indices, has_masked, offsets_of
+from ..arrays import Array, Indices, extent_of, folded, has_masked, offsets_of, rows_at
 from ..errors import InputError
 from .normals import triangle_areas
 
@@ -44,7 +44,7 @@ def checked_vertices(vertices: ArrayLike) -> Array:
         raise InputError("The mesh is empty: it has no vertices.")
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"The vertices must be an array of three numbers each, not of shape {points.shape}.")
-    wrong = ~np.isfinite(points).all(axis=1)
+    wrong = ~folded(np.logical_and, np.isfinite(points))
     if wrong.any():
         raise InputError(f"Vertex {int(np.argmax(wrong))} has a coordinate that is not a finite number.")
     if np.abs(points).max() > LARGEST_COORDINATE:
@@ -109,8 +109,8 @@ def _refuse_out_of_range(corners: Indices, vertex_count: int) -> None:
 
 
 def refuse_without_area(points: Array, triangles: Indices) -> None:
-    used = points[triangles.reshape(-1)]
-    side = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
+    used = rows_at(points, triangles.reshape(-1))
+    side = float(extent_of(used).max()) if len(used) else 0.0
     if side < 1 / LARGEST_COORDINATE or triangle_areas((points - used[0]) / side, triangles).sum() <= 1e-15:
         raise InputError("The mesh has no area: all of its faces are collapsed to lines or points.")
 

@@ -4,24 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, length_of, rows_at, sum_of
 
 
 def unit(vectors: Array) -> Array:
     """Return vectors (..., D) at length 1; those without a length stay zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    length = length_of(vectors)[..., None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
+
+
+def cross(one: Array, other: Array) -> Array:
+    """Return the cross products of vectors (N, 3); `numpy.cross` takes twice as long."""
+    a, b = one.T, other.T
+    products = np.empty(one.shape)
+    for axis, (k, m) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.subtract(a[k] * b[m], a[m] * b[k], out=products[:, axis])
+    return products
 
 
 def area_vectors(vertices: Array, triangles: Indices) -> Array:
     """Return (b - a) x (c - a) of each triangle, (T, 3): along its normal, twice its area long."""
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
+    a, b, c = (rows_at(vertices, triangles[:, corner]) for corner in range(3))
+    return cross(b - a, c - a)
 
 
 def triangle_areas(vertices: Array, triangles: Indices) -> Array:
     """Return the area of each triangle, (T,), in squared scene units."""
-    return 0.5 * np.linalg.norm(area_vectors(vertices, triangles), axis=1)
+    return 0.5 * length_of(area_vectors(vertices, triangles))
 
 
 def face_normals(vertices: Array, triangles: Indices) -> Array:
@@ -32,7 +41,7 @@ def face_normals(vertices: Array, triangles: Indices) -> Array:
 def normals_and_areas(vertices: Array, triangles: Indices) -> tuple[Array, Array]:
     """Return the unit normals, (T, 3), zero where a triangle has no area, and the areas, (T,)."""
     vectors = area_vectors(vertices, triangles)
-    return unit(vectors), 0.5 * np.linalg.norm(vectors, axis=1)
+    return unit(vectors), 0.5 * length_of(vectors)
 
 
 def normals_around(normals: Array, triangles: Indices, vertex_count: int) -> Array:
@@ -43,4 +52,4 @@ def normals_around(normals: Array, triangles: Indices, vertex_count: int) -> Arr
 
 def angle_between(one: Array, other: Array) -> Array:
     """Return the angle between vectors (N, 3) in radians, (N,): by atan2, as arccos is inexact for small angles."""
-    return np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return np.arctan2(length_of(cross(one, other)), sum_of(one * other))

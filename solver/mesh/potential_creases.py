@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, any_of, rows_at
 from .edges import connected_parts, edge_keys
 from .normals import angle_between, face_normals
 from .triangle_mesh import TriangleMesh, cut_along
@@ -93,8 +93,8 @@ def _normals_beside(mesh: TriangleMesh) -> tuple[Booleans, Array, Array]:
     """Which edges have two triangles with an area, (E,), and the normals of both, (n, 3)."""
     normals = face_normals(mesh.vertices, mesh.triangles)
     turned = normals * np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
-    one, other = turned[mesh.edge_triangles].transpose(1, 0, 2)
-    known = (mesh.edge_triangles[:, 1] >= 0) & one.any(axis=1) & other.any(axis=1)
+    one, other = (rows_at(turned, sides) for sides in mesh.edge_triangles.T)
+    known = (mesh.edge_triangles[:, 1] >= 0) & any_of(one != 0.0) & any_of(other != 0.0)
     return known, one[known], other[known]
 
 

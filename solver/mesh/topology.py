@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, any_of, folded
 from .edges import connected_parts, edge_keys
 from .normals import triangle_areas, unit
 
@@ -55,7 +55,7 @@ def fans_between_creases(triangles: Indices, creases: Indices, vertex_count: int
         The two sides of each crease, (C, 2); creases between other than two triangles are left out.
     """
     following = np.roll(triangles, -1, axis=1)
-    proper = ~(triangles == following).any(axis=1)
+    proper = ~any_of(triangles == following)
     sides, first, count = _sides_by_edge(triangles, following, proper, vertex_count)
     two = first[count == 2]
     pairs = np.stack((sides[two], sides[two + 1]), axis=1)
@@ -153,7 +153,8 @@ def mean_over_nodes(values: Array, node_vertex: Indices, vertices: int) -> Array
 def number_edges(nodes: Indices, joined: Indices, proper: Booleans) -> tuple[Indices, Indices, Indices]:
     """Return the edges of each triangle, the nodes of each edge and the triangles of each edge."""
     leader = np.arange(nodes.size)
-    leader[joined.max(axis=1)] = joined.min(axis=1)
+    low, high = folded(np.minimum, joined), folded(np.maximum, joined)
+    leader[high] = low
     sides = np.flatnonzero(np.repeat(proper, 3))
     leading = sides[leader[sides] == sides]
     number = np.full(nodes.size, -1, dtype=np.int64)
@@ -163,7 +164,7 @@ def number_edges(nodes: Indices, joined: Indices, proper: Booleans) -> tuple[Ind
     edges = np.stack((nodes.reshape(-1)[leading], np.roll(nodes, -1, axis=1).reshape(-1)[leading]), axis=1)
     edge_triangles = np.full((len(leading), 2), -1, dtype=np.int64)
     edge_triangles[:, 0] = leading // 3
-    edge_triangles[number[joined.min(axis=1)], 1] = joined.max(axis=1) // 3
+    edge_triangles[number[low], 1] = high // 3
     return side_edge.reshape(-1, 3), edges, edge_triangles
 
 

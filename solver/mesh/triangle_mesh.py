@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ..arrays import Array, Booleans, Indices, offsets_of
+from ..arrays import Array, Booleans, Indices, any_of, extent_of, offsets_of, rows_at
 from .edges import connected_parts, edge_keys
 from .input_checks import checked_faces, checked_triangulation, checked_vertices, refuse_without_area
 from .topology import join_sides, number_edges, split_into_fans, winding_of
@@ -165,7 +165,7 @@ class TriangleMesh:
     @cached_property
     def longest_side(self) -> float:
         """Longest side of the bounding box of all vertices."""
-        return float(np.ptp(self.vertices, axis=0).max())
+        return float(extent_of(self.vertices).max())
 
 
 def build_mesh(
@@ -210,7 +210,8 @@ def cut_along(mesh: TriangleMesh, edges: Booleans) -> TriangleMesh:
     sides, crease = mesh.paired_sides, edges[mesh.edge_triangles[:, 1] >= 0]
     split = (mesh.triangles, following, sides[~crease], ~mesh.collapsed, len(mesh.vertices))
     nodes, node_vertex = split_into_fans(*split)
-    ends = np.stack([nodes.reshape(-1), np.roll(nodes, -1, axis=1).reshape(-1)], axis=1)[sides]
+    ends = np.stack([nodes.reshape(-1), np.roll(nodes, -1, axis=1).reshape(-1)], axis=1)
+    ends = rows_at(ends, sides)
     opened = crease & (np.sort(ends[:, 0], axis=1) != np.sort(ends[:, 1], axis=1)).any(axis=1)
     kept = sides[~opened]
     found = _topology(mesh.vertices, mesh.triangles, nodes, node_vertex, kept, mesh.collapsed)
@@ -223,7 +224,7 @@ def _with_topology(
     points: Array, triangles: Indices, polygon: Indices, face_offsets: Indices, face_corners: Indices
 ) -> TriangleMesh:
     following = np.roll(triangles, -1, axis=1)
-    collapsed = (triangles == following).any(axis=1)
+    collapsed = any_of(triangles == following)
     joined, crowded = join_sides(points, triangles, following, ~collapsed)
     nodes, node_vertex = split_into_fans(triangles, following, joined, ~collapsed, len(points))
     found = _topology(points, triangles, nodes, node_vertex, joined, collapsed)

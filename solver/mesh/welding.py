@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, any_of, extent_of
 from ..errors import InputError
 from .edges import connected_parts, edge_keys
 from .topology import pair_straightest
@@ -59,7 +59,7 @@ def automatic_distance(vertices: NDArray[np.generic]) -> float:
     """Distance within which vertices (V, 3) are copies: `COINCIDENT` of the longest side, or rounding where coarser."""
     points = vertices.astype(np.float64)
     step = float(np.finfo(vertices.dtype.char).eps) if vertices.dtype.kind == "f" else 0.0
-    size, farthest = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+    size, farthest = float(extent_of(points).max()), float(np.abs(points).max())
     return max(COINCIDENT * size, ROUNDINGS * step * farthest)
 
 
@@ -94,7 +94,7 @@ def find_weld(points: Array, triangles: Indices, distance: float) -> Weld | None
 def _open_sides(triangles: Indices, count: int) -> tuple[Indices, Indices, Indices]:
     """Sides `3 t + i` of triangles that share no vertices with another side, and their first and last vertex."""
     following = np.roll(triangles, -1, axis=1)
-    sides = np.flatnonzero(np.repeat(~(triangles == following).any(axis=1), 3))
+    sides = np.flatnonzero(np.repeat(~any_of(triangles == following), 3))
     start, end = triangles.reshape(-1)[sides], following.reshape(-1)[sides]
     key = edge_keys(start, end, count)
     order = np.argsort(key, kind="stable")
@@ -148,5 +148,5 @@ def _lost(triangles: Indices, label: Indices) -> Booleans:
     """Triangles (T,) that would lose a corner."""
     merged = label[triangles]
     joined = (merged == np.roll(merged, -1, axis=1)) & (triangles != np.roll(triangles, -1, axis=1))
-    lost: Booleans = joined.any(axis=1)
+    lost: Booleans = any_of(joined)
     return lost

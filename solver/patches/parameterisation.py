@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..arrays import Array, Booleans, Indices, runs_of_rows
+from ..arrays import Array, Booleans, Indices, largest_of, length_of, rows_at, runs_of_rows, sum_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native import maps as native
 from ..native.library import reason_against
@@ -157,13 +157,13 @@ class _Geometry:
 
     @classmethod
     def of(cls, mesh: TriangleMesh, patches: Patches) -> _Geometry:
-        positions = mesh.vertices[patches.vertices]
-        corners = positions[patches.block_triangles]
-        lengths = np.linalg.norm(corners[:, [1, 2, 0]] - corners[:, [2, 0, 1]], axis=2)
+        positions = rows_at(mesh.vertices, patches.vertices)
+        a, b, c = (rows_at(positions, corner) for corner in patches.block_triangles.T)
+        lengths = np.stack([length_of(b - c), length_of(c - a), length_of(a - b)], axis=1)
         sizes = np.diff(patches.triangle_offsets)
-        mean = np.add.reduceat(lengths.sum(axis=1), patches.triangle_offsets[:-1]) / (3 * sizes)
+        mean = np.add.reduceat(sum_of(lengths), patches.triangle_offsets[:-1]) / (3 * sizes)
         slack = np.maximum(_SLACK * mean, 1e-12 * mesh.longest_side)
-        lack = np.repeat(slack, sizes) - (lengths.sum(axis=1) - 2 * lengths.max(axis=1))
+        lack = np.repeat(slack, sizes) - (sum_of(lengths) - 2 * largest_of(lengths))
         longer = np.maximum(np.maximum.reduceat(lack, patches.triangle_offsets[:-1]), 0.0)
         lengths = lengths + np.repeat(longer, sizes)[:, None]
         return cls(positions, lengths, _heron(lengths))
@@ -176,13 +176,15 @@ class _Geometry:
 
 def _heron(lengths: Array) -> Array:
     """Return triangle areas from edge lengths, in Kahan's stable form."""
-    c, b, a = np.sort(lengths, axis=1).T
+    one, two, three = lengths.T
+    low, high = np.minimum(one, two), np.maximum(one, two)
+    c, b, a = np.minimum(low, three), np.maximum(low, np.minimum(high, three)), np.maximum(high, three)
     product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
     return 0.25 * np.sqrt(np.maximum(product, 0.0))
 
 
 def _signed_areas(points: Array, triangles: Indices) -> Array:
-    a, b, c = (points[triangles[:, i]] for i in range(3))
+    a, b, c = (rows_at(points, triangles[:, i]) for i in range(3))
     one, two = b - a, c - a
     areas: Array = 0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
     return areas

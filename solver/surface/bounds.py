@@ -21,6 +21,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import any_of, largest_of, length_of, rows_at
 from ..native import surface as native
 from ..processes.each import Each, all_done
 from .closing import Closing
@@ -222,9 +223,9 @@ class _ErrorModel:
 
     def _bounds(self, parts: _Parts, lattice: Lattice) -> tuple[Array, Array]:
         values, remainder = self._patches_part(parts, lattice)
-        shown = np.flatnonzero(self.surface.input_weights[parts.triangle].any(axis=1))
+        shown = np.flatnonzero(any_of(rows_at(self.surface.input_weights, parts.triangle) != 0.0))
         values[shown] += self._input_values(parts.select(shown), lattice)
-        left_out = np.linalg.norm(remainder, axis=1)
+        left_out = length_of(remainder)
         if self.closing is not None:
             correction, rest = self.closing.between_corners(parts.triangle, parts.corners)
             values += np.matmul(lattice.places, correction)
@@ -266,7 +267,7 @@ class _ErrorModel:
     @cached_property
     def _holders(self) -> tuple[Indices, Indices]:
         """Patch triangles with weight, sorted by mesh triangle, and where those of each begin, (T + 1,)."""
-        weighty = np.flatnonzero(self.surface.corner_weights.max(axis=1, initial=0.0) > 0.0)
+        weighty = np.flatnonzero(largest_of(self.surface.corner_weights) > 0.0)
         face = self.surface.mesh_triangles[weighty]
         order = np.argsort(face, kind="stable")
         counts = np.bincount(face, minlength=len(self.surface.triangles))

@@ -30,7 +30,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, any_of
 from ..mesh.topology import fans_between_creases, mean_over_nodes
 
 ROUNDING = 1e-12
@@ -135,8 +135,8 @@ class Closing:
         """
         away, vertices, places = _from_own_side(fans, triangles, surface)
         sides = fans.sides.ravel()
-        moved = np.asarray(away.any(axis=1))
-        concerned = np.asarray(moved[fans.corners].any(axis=1))
+        moved = any_of(away != 0.0)
+        concerned = any_of(moved[fans.corners])
         concerned[sides // 3] = True
         rows = np.flatnonzero(concerned)
         row = np.full(len(triangles), -1)

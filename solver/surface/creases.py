@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, sum_of
 from ..fitting.domain_energy import DomainEnergy
 from ..mesh.normals import angle_between, face_normals
 from ..mesh.triangle_mesh import TriangleMesh
@@ -101,7 +101,7 @@ def edge_stretch(representation: Representation, mesh: TriangleMesh) -> Array:
     corners = representation.corners
     names = representation.patch_vertices[corners]
     triangle = representation.mesh_triangles
-    weight = representation.weights[corners].mean(axis=1)
+    weight = sum_of(representation.weights[corners]) / 3.0
     total, weights = np.zeros(len(mesh.edges)), np.zeros(len(mesh.edges))
     for start, domain in zip(representation.initial_domains, representation.domains, strict=True):
         jacobian = DomainEnergy.of(start.T, corners).jacobian(domain.T)

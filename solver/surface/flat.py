@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, largest_of, sum_of
 from ..errors import InputError
 
 SLACK = 1e-4
@@ -26,7 +26,7 @@ def checked_places(face_index: ArrayLike, barycentric: ArrayLike, triangles: int
     if len(face) and (face.dtype.kind not in "iu" or face.min() < 0 or face.max() >= triangles):
         raise InputError(f"Face numbers must be whole numbers from 0 to {triangles - 1}.")
     # written so that NaN is refused too
-    if len(face) and not (inside.min() >= -SLACK and abs(inside.sum(axis=1) - 1.0).max() <= SLACK):
+    if len(face) and not (inside.min() >= -SLACK and abs(sum_of(inside) - 1.0).max() <= SLACK):
         raise InputError("Barycentric coordinates must be three numbers from 0 to 1 with the sum 1 for each point.")
     return face.astype(np.int64), inside
 
@@ -46,7 +46,7 @@ def flat_part(
         Triangles (N,) and barycentric coordinates (3, N).
     """
     sums = np.zeros((9 if tangents else 3, len(face)))
-    shows = np.flatnonzero(weights.max(axis=1, initial=0.0)[face])
+    shows = np.flatnonzero(largest_of(weights)[face])
     if not len(shows):
         return sums
     corners = vertices[triangles[face[shows]]].transpose(1, 2, 0)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Booleans, Indices, runs_of_rows
+from ..arrays import Array, Booleans, Indices, any_of, length_of, rows_at, runs_of_rows, sum_of
 from ..fitting.domain_energy import DomainEnergy, determinant
 from ..mesh.edges import edge_keys
-from ..mesh.normals import angle_between, face_normals
+from ..mesh.normals import angle_between, area_vectors, face_normals
 from ..mesh.sampling import MEASURED_SAMPLES
 from ..processes.each import Each, all_done
 from .representation import Representation
@@ -52,9 +52,9 @@ def surface_error(
 
     def measure(block: slice) -> None:
         face = asked[block]
-        flat = np.einsum("sk,tkd->tsd", samples, vertices[representation.triangles[face]])
+        flat = np.einsum("sk,tkd->tsd", samples, rows_at(vertices, rows_at(representation.triangles, face)))
         points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
-        distance[block] = np.linalg.norm(points.reshape(flat.shape) - flat, axis=2)
+        distance[block] = length_of(points.reshape(flat.shape) - flat)
 
     representation.prepare()
     all_done(each, measure, _blocks(len(asked), len(samples)))
@@ -76,7 +76,7 @@ def seam(representation: Representation, each: Each = map) -> float:
     def jump(block: slice) -> float:
         faces, corners = pairs.select(block).samples(EDGE_SAMPLES)
         points = representation.evaluate(faces.ravel(), corners.reshape(-1, 3)).reshape(*faces.shape, 3)
-        return float(np.linalg.norm(points[:, 0] - points[:, 1], axis=2).max())
+        return float(length_of(points[:, 0] - points[:, 1]).max())
 
     representation.prepare()
     return max(each(jump, _blocks(len(pairs), 2 * len(EDGE_SAMPLES))), default=0.0)
@@ -150,7 +150,7 @@ def _cover_fingerprint(representation: Representation) -> Indices:
 def normal_error(before: Array, after: Array, triangles: Indices) -> float:
     """Mean angle between the face normals of two meshes, degrees; triangles without area do not count."""
     one, other = face_normals(before, triangles), face_normals(after, triangles)
-    usable = one.any(axis=1) & other.any(axis=1)
+    usable = any_of(one != 0.0) & any_of(other != 0.0)
     if not usable.any():
         return 0.0
     return float(np.degrees(angle_between(one[usable], other[usable])).mean())
@@ -167,6 +167,9 @@ def faces_turned(before: Array, after: Array, offsets: Indices, corners: Indices
     sizes = np.diff(offsets)
     if not len(sizes):
         return 0
+    if (sizes == 3).all():
+        one, other = (area_vectors(mesh, corners.reshape(-1, 3)) for mesh in (before, after))
+        return int(np.count_nonzero(sum_of(one * other) < 0.0))
     following = np.arange(1, len(corners) + 1)
     following[offsets[1:] - 1] = offsets[:-1]
     normals = [
@@ -174,7 +177,7 @@ def faces_turned(before: Array, after: Array, offsets: Indices, corners: Indices
         np.add.reduceat(np.cross(own, own[following]), offsets[:-1])
         for own in (mesh[corners] - np.repeat(mesh[corners[offsets[:-1]]], sizes, axis=0) for mesh in (before, after))
     ]
-    return int(((normals[0] * normals[1]).sum(axis=1) < 0.0).sum())
+    return int((sum_of(normals[0] * normals[1]) < 0.0).sum())
 
 
 def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
@@ -215,7 +218,7 @@ def domain_stretch(representation: Representation, jacobians: Array, faces: int)
     skew = np.hypot(jacobians[0, 0] - jacobians[1, 1], jacobians[1, 0] + jacobians[0, 1])
     smaller = np.maximum(np.abs(turn - skew), 1e-6 * (turn + skew))
     ratio = np.divide(turn + skew, smaller, out=np.ones_like(turn), where=smaller > 0.0).mean(axis=0)
-    weight = representation.weights[representation.corners].mean(axis=1)
+    weight = sum_of(representation.weights[representation.corners]) / 3.0
     count = len(representation.triangles)
     total = np.bincount(representation.mesh_triangles, weights=weight, minlength=count)
     summed = np.bincount(representation.mesh_triangles, weights=weight * ratio, minlength=count)

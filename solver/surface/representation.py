@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Indices, rows_in_order, runs_of_rows
+from ..arrays import Array, Indices, largest_of, rows_at, rows_in_order, runs_of_rows
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.normals import unit
 from ..native import surface as native
@@ -137,7 +137,7 @@ class Representation(Saved):
         """
         counts = np.diff(self.triangle_offsets)
         own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
-        return rows_in_order(own, self.patch_vertices[own], self.triangles[self.mesh_triangles])
+        return rows_in_order(own, self.patch_vertices[own], rows_at(self.triangles, self.mesh_triangles))
 
     @cached_property
     def patch_of_triangle(self) -> Indices:
@@ -329,7 +329,7 @@ class Representation(Saved):
             The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
         """
         first, end = runs[self.mesh_triangles], runs[self.mesh_triangles + 1]
-        count = np.where(self.corner_weights.max(axis=1, initial=0.0) > 0.0, end - first, 0)
+        count = np.where(largest_of(self.corner_weights) > 0.0, end - first, 0)
         for patch in np.unique(self.patch_of_triangle[count > 0]):
             triangles = np.arange(self.triangle_offsets[patch], self.triangle_offsets[patch + 1])
             lengths = count[triangles]
