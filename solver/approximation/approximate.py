@@ -172,8 +172,22 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
             kept = yield from within(keep_tolerance(surface), SWEEPS_END, 0.97)
     request = yield Progress("Bounding the error", 0.97, surface=lambda: surface.representation().at_vertices())
     hurry = hurry or request == FINISH
+    found = yield from _finished(surface, kept, iterations, hurry, watch)
+    return _result(given, whole, surface, replace(found, points=found.points.astype(stored)), watch)
+
+
+def _finished(
+    surface: MeshSurface,
+    kept: ToleranceKept | None,
+    iterations: dict[str, list[float]],
+    hurry: bool,
+    watch: Stopwatch,
+) -> Steps[Fitted]:
+    """Bound the error of a fitted surface and evaluate it; only its settings are needed afterwards."""
+    settings = surface.settings
+    surface.forget_observations()
     with watch.stage("measure"):
-        contained, bounds = _bounded(surface, inside, hurry)
+        contained, bounds = _bounded(surface, settings.observations == "centroids", hurry)
         representation = surface.representation()
         if kept is not None and bounds is not None:
             bounds = lowered_to(settings.tolerance, bounds, representation)
@@ -181,8 +195,9 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     with watch.stage("blend"):
         points = representation.at_vertices()
     yield Progress("Measuring", 0.985, surface=points.copy)
-    found = Fitted(representation, points.astype(stored), bounds, iterations, kept, contained)
-    return _result(given, whole, surface, found, watch)
+    history = _history(representation, surface.fits)
+    surface.forget_fits()
+    return Fitted(representation, points, bounds, iterations, kept, contained, history)
 
 
 def _held_vertices(
@@ -277,6 +292,8 @@ class Fitted:
         What `measured_iterations` says.
     kept, contained
         What a tolerance took, None without one, and how many vertices were let through to stay inside the input's box.
+    history
+        See `Approximation`.
     """
 
     representation: Representation
@@ -285,6 +302,7 @@ class Fitted:
     iterations: dict[str, list[float]]
     kept: ToleranceKept | None
     contained: int
+    history: Array | None
 
 
 def _result(
@@ -324,7 +342,7 @@ def _result(
         stretch,
         report,
         representation,
-        _history(representation, surface.fits),
+        found.history,
         _creases(representation, mesh, surface.settings),
     )
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array, Booleans, any_of, folded
-from ..mesh.potential_creases import PotentialCreases, alone_between_their_vertices, potential_creases
+from ..mesh.potential_creases import PotentialCreases, potential_creases
 from ..mesh.triangle_mesh import TriangleMesh, cut_along
 from ..patches.cover import build_cover
 from ..patches.observations import MeshObservations
@@ -94,7 +94,7 @@ def _completed(mesh: TriangleMesh, dihedral: Array, creases: Booleans) -> Boolea
 
     Contrast misses edges that have creases on all sides, such as those around the triangle at a bevelled corner.
     """
-    bends = (dihedral >= CREASE_DEGREES) & alone_between_their_vertices(mesh)
+    bends = (dihedral >= CREASE_DEGREES) & mesh.named_by_vertices
     creases = creases.copy()
     for _ in range(ROUNDS):
         on = np.zeros(mesh.node_count, dtype=bool)

@@ -239,6 +239,17 @@ class PatchedSurface(Generic[Observing]):
             self._earlier = self._assembled
         return self._assembled
 
+    def forget_observations(self) -> None:
+        """Free what only fitting needs: bounding and measuring take memory, too."""
+        none = np.zeros((0, 3))
+        self._fits = [None if fit is None else replace(fit, values=none) for fit in self._fits]
+        self._observations = self._native = self._blended = self._order = self.preview = None
+
+    def forget_fits(self) -> None:
+        """Free what only assembling a representation needs."""
+        self.forget_observations()
+        self._fits = [None] * len(self.patches)
+
     @property
     def blended(self) -> Array:
         """The blend of the patches at the observations, (O, 3): the data where patches are missing.

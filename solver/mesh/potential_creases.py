@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Booleans, Indices, any_of, rows_at
-from .edges import connected_parts, edge_keys
+from .edges import connected_parts
 from .normals import angle_between, face_normals
 from .triangle_mesh import TriangleMesh, cut_along
 
@@ -63,7 +63,7 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     strong = (dihedral[paired] >= LEAST_DIHEDRAL) & (dihedral[paired] >= CONTRAST * calm)
     candidates = np.zeros(len(dihedral), dtype=bool)
     candidates[paired[strong]] = True
-    candidates &= alone_between_their_vertices(mesh)
+    candidates &= mesh.named_by_vertices
     chain = np.full(len(dihedral), -1)
     ends = mesh.edges[candidates]
     count, part = connected_parts(ends[:, 0], ends[:, 1], mesh.node_count)
@@ -104,18 +104,8 @@ def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:
     width = np.int64(len(mesh.vertices))
     low, high = np.sort(marked, axis=1).T
     creases = np.isin(ends[:, 0] * width + ends[:, 1], low * width + high)
-    creases &= (mesh.edge_triangles[:, 1] >= 0) & alone_between_their_vertices(mesh)
+    creases &= (mesh.edge_triangles[:, 1] >= 0) & mesh.named_by_vertices
     return cut_along(mesh, creases) if creases.any() else mesh
-
-
-def alone_between_their_vertices(mesh: TriangleMesh) -> Booleans:
-    """Which edges are the only ones between their vertices, (E,): only these can be named by them."""
-    ends = mesh.node_vertex[mesh.edges]
-    _, number, count = np.unique(
-        edge_keys(ends[:, 0], ends[:, 1], len(mesh.vertices)), return_inverse=True, return_counts=True
-    )
-    alone: Booleans = count[number] == 1
-    return alone
 
 
 def _other_edges(mesh: TriangleMesh, bend: Array) -> Array:

@@ -147,6 +147,17 @@ class TriangleMesh:
         return np.where(count[number] > 1, first[number], -1)
 
     @cached_property
+    def named_by_vertices(self) -> Booleans:
+        """Which edges are the only ones between their vertices, (E,): only these can be named by them."""
+        one, other = self.node_vertex[self.edges[:, 0]], self.node_vertex[self.edges[:, 1]]
+        key = edge_keys(one, other, len(self.vertices))
+        order = np.argsort(key, kind="stable")
+        same = key[order[1:]] == key[order[:-1]]
+        alone = np.ones(len(key), dtype=bool)
+        alone[order[1:][same]] = alone[order[:-1][same]] = False
+        return alone
+
+    @cached_property
     def paired_sides(self) -> Indices:
         """The two sides, `3 t + i` from corner i of triangle t on, of each edge that has two triangles, (J, 2)."""
         sides = np.flatnonzero(self.triangle_edges.reshape(-1) >= 0)

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, sum_of
-from ..fitting.domain_energy import DomainEnergy
+from ..arrays import Array, Booleans, Indices, rows_at, runs_of_rows, sum_of
 from ..mesh.normals import angle_between, face_normals
 from ..mesh.triangle_mesh import TriangleMesh
 from .representation import Representation
@@ -20,6 +19,9 @@ CREASE_DEGREES = 25.0
 
 AT_EDGE = (0.2, 0.5, 0.8)
 """Where along an edge its sharpness is measured."""
+
+TRIANGLES_AT_ONCE = 200_000
+"""Patch triangles that are looked at together: more would only take memory."""
 
 CREASE_STRETCH = 1.0
 """Least stretch of the domain across a crease, relative to that along it."""
@@ -98,32 +100,40 @@ def edge_stretch(representation: Representation, mesh: TriangleMesh) -> Array:
 
     The geometric mean over the triangles on both sides, the patches weighted as they are blended, and the domains.
     """
-    corners = representation.corners
-    names = representation.patch_vertices[corners]
-    triangle = representation.mesh_triangles
-    weight = sum_of(representation.weights[corners]) / 3.0
     total, weights = np.zeros(len(mesh.edges)), np.zeros(len(mesh.edges))
-    for start, domain in zip(representation.initial_domains, representation.domains, strict=True):
-        jacobian = DomainEnergy.of(start.T, corners).jacobian(domain.T)
-        for side in range(3):
-            along = start[corners[:, (side + 1) % 3]] - start[corners[:, side]]
-            ratio = _stretch_across(jacobian, along.T)
-            # a patch may have turned the triangle: the edge is the one opposite to the same vertex
-            opposite = names[:, (side + 2) % 3]
-            place = (mesh.triangles[triangle] == opposite[:, None]).argmax(axis=1)
-            edge = mesh.triangle_edges[triangle, (place + 1) % 3]
-            known = edge >= 0
-            np.add.at(total, edge[known], (weight * np.log(ratio))[known])
-            np.add.at(weights, edge[known], weight[known])
+    for first, end in runs_of_rows(representation.triangle_offsets, TRIANGLES_AT_ONCE):
+        rows = slice(*representation.triangle_offsets[[first, end]])
+        corners, triangle = representation.corners[rows], representation.mesh_triangles[rows]
+        weight = sum_of(representation.weights[corners]) / 3.0
+        for start, domain in zip(representation.initial_domains, representation.domains, strict=True):
+            sides, moved = _sides(start, corners), _sides(domain, corners)
+            for side in range(3):
+                ratio = _stretch_across(sides, moved, side)
+                # the corners are in the order of the mesh triangle's
+                edge = mesh.triangle_edges[triangle, side]
+                known = edge >= 0
+                np.add.at(total, edge[known], (weight * np.log(ratio))[known])
+                np.add.at(weights, edge[known], weight[known])
     return np.exp(np.divide(total, weights, out=np.zeros_like(total), where=weights > 0.0))
 
 
-def _stretch_across(jacobian: Array, along: Array) -> Array:
-    """|J n| / |J t| for the directions t = `along` (2, S) and n at right angles to it, within [1e-3, 1e3]."""
-    forward = np.einsum("abs,bs->as", jacobian, along)
-    sideways = np.einsum("abs,bs->as", jacobian, np.stack([-along[1], along[0]]))
-    lengths = np.linalg.norm(sideways, axis=0), np.linalg.norm(forward, axis=0)
-    ratio = np.divide(lengths[0], lengths[1], out=np.ones_like(lengths[0]), where=lengths[1] > 0.0)
+def _sides(domain: Array, corners: Indices) -> list[tuple[Array, Array]]:
+    """The triangles' sides from corner k to corner k + 1 in a domain, (S,) along u and v each."""
+    a, b, c = (rows_at(domain, corner).T for corner in corners.T)
+    return [(end[0] - start[0], end[1] - start[1]) for start, end in ((a, b), (b, c), (c, a))]
+
+
+def _stretch_across(sides: list[tuple[Array, Array]], moved: list[tuple[Array, Array]], side: int) -> Array:
+    """|J n| / |J t| for the side t and n at right angles to it, within [1e-3, 1e3]; J takes `sides` to `moved`.
+
+    With the next side s, n = (|t|^2 s - (s t) t) / (t x s), up to its sign.
+    """
+    t, s, moved_t, moved_s = sides[side], sides[(side + 1) % 3], moved[side], moved[(side + 1) % 3]
+    square, along, area = t[0] ** 2 + t[1] ** 2, s[0] * t[0] + s[1] * t[1], t[0] * s[1] - t[1] * s[0]
+    sideways = np.hypot(square * moved_s[0] - along * moved_t[0], square * moved_s[1] - along * moved_t[1])
+    forward = np.abs(area) * np.hypot(*moved_t)
+    # a triangle without area is not stretched
+    ratio = np.divide(sideways, forward, out=np.ones_like(forward), where=forward > 0.0)
     return np.clip(ratio, 1e-3, 1e3)
 
 
