@@ -170,3 +170,21 @@ def test_refusals(model: Path, tmp_path: Path, arguments: tuple[str, ...], hidde
     (line,) = done.stderr.splitlines()
     assert said in line
     assert not (tmp_path / "out.npz").exists()
+
+
+def test_what_a_library_complains_of_is_one_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("pyvista")
+    (tmp_path / "noise.vtp").write_bytes(bytes(range(256)))
+    command = [
+        sys.executable,
+        "-m",
+        "sparse_surface",
+        "approximate",
+        tmp_path / "noise.vtp",
+        "-o",
+        tmp_path / "out.npz",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "noise.vtp" in line

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -98,7 +100,14 @@ def _read_arrays(path: Path) -> PlainMesh:
 
 def _read_by_library(path: Path) -> PlainMesh:
     library = _library(path)
-    return _READERS[library.__name__](library, path)
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)  # what a library complains of at length, one sentence says
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return _READERS[library.__name__](library, path)
+    finally:
+        logging.disable(before)
 
 
 def _read_by_meshio(_: Any, path: Path) -> PlainMesh:

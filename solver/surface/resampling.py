@@ -7,6 +7,7 @@ positions can be interpolated to the new mesh: each new vertex and corner knows 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import index
 from typing import Any
 
 import numpy as np
@@ -184,6 +185,10 @@ def resample(representation: Representation, splits: int) -> Resampled:
 
 def resample_steps(representation: Representation, splits: int) -> Steps[Resampled]:
     """`resample` as a generator of `Progress`; closing it cancels."""
+    try:
+        splits = index(splits)
+    except TypeError:
+        raise InputError(f"Edges are split into a whole number of parts, not {splits!r}.") from None
     if splits < 1:
         raise InputError("Edges can be split into 1 part or more, not fewer.")
     corners = len(representation.face_corners) * splits**2

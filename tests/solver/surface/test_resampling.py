@@ -269,3 +269,11 @@ def test_it_tells_its_progress_and_can_be_stopped() -> None:
     steps = resample_steps(representation("cube"), 3)
     next(steps)
     steps.close()
+
+
+@pytest.mark.parametrize("splits", [1.5, "2", None])
+def test_parts_of_an_edge_are_a_whole_number(splits: object) -> None:
+    surface = approximate(*cube(4), QUICK).representation
+    with pytest.raises(InputError, match="whole number"):
+        resample(surface, splits)  # type: ignore[arg-type]
+    assert len(resample(surface, np.int64(2)).sizes) == 4 * (len(surface.face_offsets) - 1)
