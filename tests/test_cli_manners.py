@@ -63,7 +63,7 @@ def test_a_representation_may_give_up_the_order_of_its_mesh(model: Path, tmp_pat
 
 
 def test_no_figures_are_printed_where_a_file_could_not_be_written(model: Path, tmp_path: Path) -> None:
-    done = run("approximate", model, "--json", "-o", tmp_path / "out.dae", *QUICK)
+    done = run("approximate", model, "--json", "-o", tmp_path / "out.step", *QUICK)
     assert done.returncode != 0
     assert done.stdout == ""
 
