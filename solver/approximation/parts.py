@@ -47,8 +47,8 @@ def groups_of_parts(meshes: Sequence[Mesh], settings: Settings) -> list[list[int
     points = together.vertices.astype(np.float64)
     weld = None
     if settings.merge_vertices and len(meshes) > 1 and len(points):
-        distance = settings.merge_distance or automatic_distance(together.vertices)
-        weld = find_weld(points, together.triangles.astype(np.int64), distance)
+        triangles = together.triangles.astype(np.int64)
+        weld = find_weld(points, triangles, settings.merge_distance or automatic_distance(together.vertices, triangles))
     if weld is None:
         return [[number] for number in range(len(meshes))]
     owner = np.repeat(np.arange(len(meshes)), [len(mesh.vertices) for mesh in meshes])

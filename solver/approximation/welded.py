@@ -23,12 +23,13 @@ from .result import Approximation
 
 @dataclass(frozen=True, eq=False)
 class Welded:
-    """A mesh whose coincident vertices are one, and the mesh that it was made of."""
+    """A mesh whose coincident vertices are one, the mesh that it was made of, and whether nobody said how close."""
 
     mesh: MeshInput
     given: MeshInput
     weld: Weld
     triangles: Indices
+    automatic: bool
 
     def spread(self, steps: Steps[Approximation]) -> Steps[Approximation]:
         """Give the result, and each surface on the way to it, the vertices that were given."""
@@ -44,7 +45,9 @@ class Welded:
         places = given[self.weld.first][place]
         away = np.linalg.norm((given - places).astype(np.float64), axis=1)
         # What the surface leaves where it is keeps its own last digits.
-        stays = (vertices == places.astype(vertices.dtype)).all(axis=1) & (away <= automatic_distance(given))
+        stays = (vertices == places.astype(vertices.dtype)).all(axis=1)
+        if not self.automatic:
+            stays &= away <= automatic_distance(given, self.triangles)
         vertices[stays] = given[stays]
         error = np.linalg.norm(vertices.astype(np.float64) - given.astype(np.float64), axis=1)
         patch = found.patch[place]
@@ -103,7 +106,8 @@ def held_together(given: MeshInput, settings: Settings) -> Welded | None:
         triangles, polygon = triangulate(points, corners, offsets)
     else:
         triangles, polygon = checked_triangulation(given.triangles, len(points), len(offsets) - 1)
-    weld = find_weld(points, triangles, settings.merge_distance or automatic_distance(np.asarray(given.positions)))
+    distance = settings.merge_distance or automatic_distance(np.asarray(given.positions), triangles)
+    weld = find_weld(points, triangles, distance)
     if weld is None:
         return None
     weights = checked_weights(given.weights, len(points))
@@ -115,7 +119,7 @@ def held_together(given: MeshInput, settings: Settings) -> Welded | None:
         weights=None if weights is None else weld.least(weights),
         sharp_edges=weld.place[checked_edges(given.sharp_edges, len(points))],
     )
-    return Welded(mesh, given, weld, triangles)
+    return Welded(mesh, given, weld, triangles, automatic=not settings.merge_distance)
 
 
 def _polygons(corners: Indices, offsets: Indices) -> ArrayLike | list[NDArray[Any]]:

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Booleans, Indices, any_of, extent_of
+from ..arrays import Array, Booleans, Indices, any_of, extent_of, length_of
 from ..errors import InputError
 from .edges import connected_parts, edge_keys
 from .topology import pair_straightest
 
 COINCIDENT = 1e-6
 """Share of the longest side within which two vertices are taken to be at one place."""
+
+SHARE_OF_A_SIDE = 0.01
+"""And the share of a triangle's side, the median of all.  One vertex far away makes a mesh large, not its details."""
 
 ROUNDINGS = 2.0
 """By how many steps of its number type two copies of a coordinate may differ."""
@@ -55,12 +58,18 @@ class Weld:
         return found
 
 
-def automatic_distance(vertices: NDArray[np.generic]) -> float:
-    """Distance within which vertices (V, 3) are copies: `COINCIDENT` of the longest side, or rounding where coarser."""
+def automatic_distance(vertices: NDArray[np.generic], triangles: Indices) -> float:
+    """Distance within which vertices (V, 3) of triangles (T, 3) are copies, or rounding where coarser.
+
+    It is `COINCIDENT` of the longest side or `SHARE_OF_A_SIDE`, whichever is smaller.
+    """
     points = vertices.astype(np.float64)
     step = float(np.finfo(vertices.dtype.char).eps) if vertices.dtype.kind == "f" else 0.0
-    size, farthest = float(extent_of(points).max()), float(np.abs(points).max())
-    return max(COINCIDENT * size, ROUNDINGS * step * farthest)
+    distance = COINCIDENT * float(extent_of(points).max())
+    if len(triangles):
+        sides = points[triangles] - points[np.roll(triangles, -1, axis=1)]
+        distance = min(distance, SHARE_OF_A_SIDE * float(np.median(length_of(sides.reshape(-1, 3)))))
+    return max(distance, ROUNDINGS * step * float(np.median(np.abs(points).max(axis=1))))
 
 
 def find_weld(points: Array, triangles: Indices, distance: float) -> Weld | None:

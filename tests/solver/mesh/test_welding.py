@@ -35,7 +35,7 @@ def same_faces(place: np.ndarray, triangles: np.ndarray, expected: np.ndarray) -
 def test_a_soup_of_triangles_becomes_the_mesh_it_was(share: float, seed: int) -> None:
     points, triangles = sheet()
     apart, own = soup(points, triangles)
-    distance = automatic_distance(apart)
+    distance = automatic_distance(apart, own)
     noise = np.random.default_rng(seed).normal(size=apart.shape)
     apart += share * 0.5 * distance * noise / np.linalg.norm(noise, axis=1, keepdims=True)
     weld = find_weld(apart, own, distance)
@@ -47,7 +47,7 @@ def test_a_soup_of_triangles_becomes_the_mesh_it_was(share: float, seed: int) ->
 
 def test_a_mesh_without_copies_stays_as_it_is() -> None:
     points, triangles = sheet()
-    assert find_weld(points, triangles, automatic_distance(points)) is None
+    assert find_weld(points, triangles, automatic_distance(points, triangles)) is None
 
 
 def test_sheets_on_top_of_each_other_stay_two() -> None:
@@ -93,9 +93,19 @@ def test_a_third_sheet_at_a_seam_is_held_to_it() -> None:
 
 def test_georeferenced_single_precision() -> None:
     """Far from the origin a millionth of the size is less than a step of the numbers."""
-    points, _ = sheet()
+    points, triangles = sheet()
     far = (points + np.array([4.0e6, 5.0e6, 100.0])).astype(np.float32)
-    assert automatic_distance(far) >= 0.5 > automatic_distance(points.astype(np.float32))
+    assert automatic_distance(far, triangles) >= 0.5 > automatic_distance(points.astype(np.float32), triangles)
+
+
+def test_a_vertex_far_away_holds_nothing_together() -> None:
+    """In a map's coordinates, a vertex left at the origin made a millionth of the size five metres."""
+    points, triangles = sheet()
+    lost = np.concatenate([points + np.array([4.0e6, 5.0e6, 100.0]), np.zeros((3, 3))])
+    lost[-2:, :2] += np.eye(2)
+    triangles = np.concatenate([triangles, [[len(lost) - 3, len(lost) - 2, len(lost) - 1]]])
+    assert automatic_distance(lost, triangles) < 0.1
+    assert find_weld(lost, triangles, automatic_distance(lost, triangles)) is None
 
 
 def test_a_distance_beyond_the_details_is_refused() -> None:
