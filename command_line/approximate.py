@@ -123,10 +123,11 @@ def _approximated(options: argparse.Namespace, together: Sequence[Object], solve
             with progress_display(name) as show:
                 outcome = run_to_end(approximate_arrays(arrays, options.settings), last.noting(show))
         except MemoryError:
-            if options.output is None or options.resample or not last.is_finished:
+            if options.output is None or options.resample or last.vertices is None:
                 raise
+        last.give_back()
         if outcome is None:  # here, where no traceback holds what the solver had
-            raise Unmeasured(_placed(together, reads, last.vertices()))
+            raise Unmeasured(_placed(together, reads, last.vertices))
     if source.data.users > 1:
         solved[key] = outcome
     whole = len(together) == 1

@@ -20,28 +20,40 @@ except ImportError:  # Blender does not bring it
 FINISHED = ("Bounding the error", "Blending", "Measuring")
 """Stages of the progress in which the surface does not change any more."""
 
+LEAST_TO_WRITE, TO_WRITE = 16 << 20, 600
+"""Bytes that it takes to write a surface, and those for each vertex.  They are asked for, but not touched."""
+
 
 class LastSurface:
-    """The newest surface that a computation has reported."""
+    """The surface that a computation only has to measure.
+
+    It is blended when it is reported, and memory to write it is set aside: where memory ends later, too little may be
+    left for either.
+
+    Attributes
+    ----------
+    vertices
+        Its vertices, (V, 3); None as long as it is being fitted.
+    """
 
     def __init__(self) -> None:
-        self._newest: Callable[[], Any] | None = None
+        self.vertices: Any = None
+        self._stage = ""
+        self._set_aside: bytearray | None = None
 
-    @property
-    def is_finished(self) -> bool:
-        """Whether there is one that only had to be measured."""
-        return self._newest is not None
-
-    def vertices(self) -> Any:
-        """Return its vertices, (V, 3)."""
-        return self._newest() if self._newest is not None else None
+    def give_back(self) -> None:
+        """Free the memory that was set aside."""
+        self._set_aside = None
 
     def noting(self, show: Callable[[Progress], None]) -> Callable[[Progress], None]:
         """Return what shows progress by `show` and keeps the surface."""
 
         def note(step: Progress) -> None:
-            if step.stage in FINISHED and step.surface is not None:
-                self._newest = step.surface
+            if step.stage in FINISHED and step.stage != self._stage and step.surface is not None:
+                self._stage, self.vertices = step.stage, step.surface()
+                if self._set_aside is None:
+                    with contextlib.suppress(MemoryError):  # then there is enough to write it, or there is not
+                        self._set_aside = bytearray(LEAST_TO_WRITE + TO_WRITE * len(self.vertices))
             show(step)
 
         return note

@@ -194,9 +194,10 @@ def _cut_quads(
 def _first_cut_leaves(positions: NDArray[np.float32], quads: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Whether the line from 0 to 2 leaves a quad, (Q,): (p1 - p0) x (p2 - p0) . (p3 - p0) x (p2 - p0) > 0."""
     corners = (axis.take(quads.T) for axis in positions.T)
-    x, y, z = (axis[1:] - axis[0] for axis in corners)
-    normals = [(a[0] * b[1] - b[0] * a[1]) * (a[2] * b[1] - b[2] * a[1]) for a, b in ((y, z), (z, x), (x, y))]
-    return normals[0] + normals[1] + normals[2] > 0.0
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused later, in a sentence
+        x, y, z = (axis[1:] - axis[0] for axis in corners)
+        normals = [(a[0] * b[1] - b[0] * a[1]) * (a[2] * b[1] - b[2] * a[1]) for a, b in ((y, z), (z, x), (x, y))]
+        return normals[0] + normals[1] + normals[2] > 0.0
 
 
 def read_edges(mesh: Mesh) -> NDArray[np.int64]:
