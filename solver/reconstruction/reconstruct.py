@@ -39,7 +39,7 @@ from .measured import MEASURING_STEPS, measured
 from .noise import iterations_for_noise, ring_for_noise
 from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
 from .oscillation import CloudSurface, oscillating_in_cloud
-from .refined import LEAST_GAIN, ROUNDS, Fitted, ToleranceSought, refined_base
+from .refined import LEAST_GAIN, PATIENCE, ROUNDS, Fitted, ToleranceSought, refined_base
 from .result import Reconstruction
 from .robust_weights import robust_weights, spread
 from .tangent_planes import TangentPlanes
@@ -195,7 +195,7 @@ class _Work:
         tolerance, noise = self.asked.tolerance, self.geometry.noise
         outside = best.outside(tolerance, noise)
         fewest = int(outside.sum())
-        sought, newest = ToleranceSought(tolerance, fewest, fewest), best
+        sought, newest, in_vain = ToleranceSought(tolerance, fewest, fewest), best, 0
         for number in range(ROUNDS):
             base = refined_base(newest, outside)
             if self.hurry or base is None:
@@ -207,10 +207,10 @@ class _Work:
             outside = newest.outside(tolerance, noise)
             left = int(outside.sum())
             sought.rounds.append({"vertices": len(base.vertices), "points_outside": left})
-            slow = left > (1.0 - LEAST_GAIN) * sought.outside
+            in_vain = in_vain + 1 if left > (1.0 - LEAST_GAIN) * sought.outside else 0
             if left < sought.outside:
                 best, sought.outside = newest, left
-            if slow:
+            if in_vain == PATIENCE:
                 break
         return best, sought
 

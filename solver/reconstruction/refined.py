@@ -22,8 +22,9 @@ from .oscillation import CloudSurface
 ROUNDS = 4
 """How often a base is refined at most."""
 
-LEAST_GAIN = 0.05
-"""Rounds end when one takes away a smaller share of the points outside."""
+LEAST_GAIN, PATIENCE = 0.05, 2
+"""Rounds end when so many in a row take away a smaller share of the points outside.  The first often takes none: new
+vertices lie on a coarse surface, and only the next round lets them leave it."""
 
 FEWEST_POINTS = 10
 """A triangle with fewer is not refined: its parts would not afford functions that follow them."""

@@ -104,7 +104,7 @@ def test_what_would_leave_nothing_is_refused() -> None:
 
 def test_a_tolerance_is_worked_towards() -> None:
     def height(u: np.ndarray) -> np.ndarray:
-        return 0.08 * np.sin(6.0 * u[:, 0]) * np.cos(5.0 * u[:, 1])
+        return 0.08 * np.sin(9.0 * u[:, 0]) * np.cos(8.0 * u[:, 1])
 
     def off(outcome: CloudOutcome) -> np.ndarray:
         vertices = outcome.vertices.astype(np.float64)
