@@ -313,7 +313,7 @@ def squeezed(tmp_path: Path, stage: str, spare: int) -> subprocess.CompletedProc
 
 @pytest.mark.parametrize("stage", ["Bounding the error", "Blending", "Measuring"])
 def test_a_finished_surface_is_written_where_memory_is_too_short_to_measure_it(tmp_path: Path, stage: str) -> None:
-    done = squeezed(tmp_path, stage, 6 << 20)
+    done = squeezed(tmp_path, stage, 1 << 20)
     assert done.returncode == 1, done.stderr
     (line,) = done.stderr.splitlines()
     assert line.startswith("sparse_surface: wide: There is not enough memory to measure the surface; ")
