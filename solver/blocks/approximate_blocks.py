@@ -27,6 +27,7 @@ from .folder import CREASES, REPORT, JobFolder
 from .joining import distances, joined
 from .large_mesh import LargeMesh
 from .noise import with_noise_level
+from .scratch import Scratch
 from .surface import BlockSurface
 from .task import BlockTask, solve_block_steps
 
@@ -178,8 +179,10 @@ def approximate_blocks_steps(
             folder = keeper.name
         place = JobFolder.of(Path(folder), _job(given, settings, block_size, len(cut)))
     if not place.is_there(REPORT):
-        yield from _solved(mesh, cut, place, settings, executor, watch)
-        yield from _finished(given, mesh, welded, cut, place, settings, watch)
+        with Scratch(place.scratch) as scratch:
+            yield from _solved(mesh, cut, place, scratch, settings, executor, watch)
+        with Scratch(place.scratch) as scratch:
+            yield from _finished(given, mesh, welded, cut, place, scratch, settings, watch)
     creases = place.load(CREASES) if settings.mark_creases else None
     arrays = {name: place.load(f"{name}.npy") for name in ("vertices", "error", "patch")}
     surface = BlockSurface(place, keeper)
@@ -212,7 +215,13 @@ def _job(mesh: LargeMesh, settings: Settings, block_size: int, blocks: int) -> d
 
 
 def _solved(
-    mesh: LargeMesh, cut: Cut, folder: JobFolder, settings: Settings, executor: Any, watch: Stopwatch
+    mesh: LargeMesh,
+    cut: Cut,
+    folder: JobFolder,
+    scratch: Scratch,
+    settings: Settings,
+    executor: Any,
+    watch: Stopwatch,
 ) -> Steps[None]:
     """Solve the blocks that are not done."""
     missing = [number for number in range(len(cut)) if not folder.is_done(number)]
@@ -220,7 +229,7 @@ def _solved(
         return
     with watch.stage("cut"):
         beyond = BEYOND_PATCHES + (BEYOND_DENOISED if settings.denoise != "off" else 0)
-        parts = Parts(mesh, cut, 2 * settings.ring + beyond)
+        parts = Parts(mesh, cut, 2 * settings.ring + beyond, scratch.array)
     # many blocks are solved at once, each on one thread; vertices at one place are one already
     own = settings if len(cut) == 1 and executor is None else replace(settings, workers=1)
     if len(cut) > 1:
@@ -233,6 +242,7 @@ def _solved(
                 part = parts.part(number)
                 folder.keep_part(number, part)
                 task = parts.task(number, part, own, settings.ring)
+                scratch.rest()
             yield task
 
     with engine_of(executor, settings.workers, len(missing)) as engine:
@@ -275,21 +285,24 @@ def _finished(
     welded: Welded | None,
     cut: Cut,
     folder: JobFolder,
+    scratch: Scratch,
     settings: Settings,
     watch: Stopwatch,
 ) -> Steps[None]:
     """Join the blocks, measure the whole, and write the result; the report, which comes last, says that it is there."""
     with watch.stage("join"):
-        found = yield from within(joined(mesh, cut, folder), SOLVE_ENDS, 0.99)
+        found = yield from within(joined(mesh, cut, folder, scratch), SOLVE_ENDS, 0.99)
         vertices, patch, creases = found.vertices, found.patch, found.creases
         if welded is not None:
             place = welded.weld.place
             vertices, patch, creases = vertices[place], patch[place], welded.edges(creases)
     yield Progress("Measuring", 0.99)
     with watch.stage("measure"):
-        error = distances(given, vertices)
+        error = scratch.array("error", (len(vertices),), np.float64)
+        distances(given, vertices, error)
         for name, array in (("vertices", vertices), ("error", error), ("patch", patch)):
             folder.save(f"{name}.npy", array)
+            scratch.rest()
         if settings.mark_creases:
             folder.save(CREASES, creases)
         if len(cut) == 1:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,13 +62,11 @@ BLOCK = Format(
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedBlock:
-    """A block's own surface over its part of n vertices, and its measures.
+class MeasuredBlock:
+    """What is known of a solved block beside its functions: its part has n vertices and t triangles.
 
     Attributes
     ----------
-    surface
-        Without initial domains, energies and polygons.
     share
         The block's share at the vertices, (n,).
     points
@@ -78,17 +77,20 @@ class SolvedBlock:
         Triangles of the part that share some point with another block, (b,).
     parts
         The block's part of S(x) - x at `MEASURED_SAMPLES` of them, (b, 6, 3), float32.
-    between
-        Distances in the triangles of the block alone.
     marked
         Edges to mark as sharp, pairs of vertices of the part, (E, 2).
+    between
+        Distances in the triangles of the block alone.
     turning
         How far the normals of the faces of the block alone turn.
     report
         Its report.
+    triangles, polygon
+        Vertices of the part's triangles, (t, 3), and the face of the part that each lies in, (t,).
+    patches
+        How many it has.
     """
 
-    surface: Representation
     share: Array
     points: NDArray[np.floating[Any]]
     patch: Indices
@@ -99,6 +101,34 @@ class SolvedBlock:
     between: Spread
     turning: Turning
     report: dict[str, Any]
+    triangles: Indices
+    polygon: Indices
+    patches: int
+
+    @classmethod
+    def read(cls, file: IO[bytes], name: str) -> Self:
+        """Read the file of a block, without its functions.
+
+        Raises
+        ------
+        FileFormatError
+            When it is damaged; `name` begins the sentence.
+        """
+        _, _, arrays, sizes = unpack({BLOCK.version: BLOCK}, file, name, (*_BLOCK, "triangles", "polygon"))
+        return cls(**_measures(arrays), **_wide(arrays, ("triangles", "polygon")), patches=sizes["patches"])
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedBlock(MeasuredBlock):
+    """A block's own surface over its part, and its measures.
+
+    Attributes
+    ----------
+    surface
+        Without initial domains, energies and polygons.
+    """
+
+    surface: Representation
 
     def to_bytes(self) -> bytes:
         """Return the content of a file; the same bytes for the same block."""
@@ -111,27 +141,45 @@ class SolvedBlock:
         return pack(BLOCK, head, {**arrays, "text": np.frombuffer(text, dtype=np.uint8)})
 
     @classmethod
-    def from_bytes(cls, data: bytes, name: str) -> SolvedBlock:
-        """Read what `to_bytes` returned.
+    def read(cls, file: IO[bytes], name: str) -> Self:
+        """Read the file of a block; raises as `MeasuredBlock.read` does."""
+        _, head, arrays, _ = unpack({BLOCK.version: BLOCK}, file, name)
+        surface = _surface(head, _wide(arrays, _SURFACE))
+        return cls(
+            **_measures(arrays),
+            triangles=surface.triangles,
+            polygon=surface.polygon,
+            patches=surface.patches,
+            surface=surface,
+        )
 
-        Raises
-        ------
-        FileFormatError
-            When the bytes are damaged; `name` begins the sentence.
-        """
-        _, head, arrays, _ = unpack({BLOCK.version: BLOCK}, io.BytesIO(data), name)
-        text = json.loads(arrays.pop("text").tobytes())
-        own = {item.name: arrays.pop(item.name) for item in fields(cls) if item.name in _BLOCK}
-        own |= {name: own[name].astype(np.int64) for name in ("patch", "piece", "blended", "marked")}
-        between, turning = Spread.from_list(text["between"]), Turning(*text["turning"])
-        return cls(_surface(head, arrays), **own, between=between, turning=turning, report=text["report"])
+    @classmethod
+    def from_bytes(cls, data: bytes, name: str) -> Self:
+        """Read what `to_bytes` returned; raises as `read` does."""
+        return cls.read(io.BytesIO(data), name)
 
 
-def _surface(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Representation:
-    wide: dict[str, Any] = {
-        name: array.astype(np.float64 if array.dtype.kind == "f" else np.int64) for name, array in arrays.items()
-    }
-    wide |= {name: np.cumsum(wide[name], axis=0) for name in _CLIMBING}
+def sizes_in(file: IO[bytes], name: str) -> dict[str, int]:
+    """How many vertices, triangles, blended triangles and so on the file of a block has; raises as `read` does."""
+    return unpack({BLOCK.version: BLOCK}, file, name, ())[3]
+
+
+def _measures(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """The fields of a `MeasuredBlock` that are in the layers of `_BLOCK`."""
+    text = json.loads(arrays["text"].tobytes())
+    own: dict[str, Any] = {name: arrays[name] for name in _BLOCK if name != "text"}
+    own |= {name: own[name].astype(np.int64) for name in ("patch", "piece", "blended", "marked")}
+    between, turning = Spread.from_list(text["between"]), Turning(*text["turning"])
+    return {**own, "between": between, "turning": turning, "report": text["report"]}
+
+
+def _wide(arrays: dict[str, NDArray[Any]], names: Iterable[str]) -> dict[str, Any]:
+    """Layers as they were before they were made narrow."""
+    wide = {name: arrays[name].astype(np.float64 if arrays[name].dtype.kind == "f" else np.int64) for name in names}
+    return {name: np.cumsum(array, axis=0) if name in _CLIMBING else array for name, array in wide.items()}
+
+
+def _surface(head: dict[str, Any], wide: dict[str, Any]) -> Representation:
     nothing = np.zeros(0, dtype=np.int64)
     return Representation(
         **wide,

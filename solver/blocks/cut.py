@@ -7,7 +7,9 @@ vertices up to some number of steps away, a step leading from a vertex to those 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,12 @@ from scipy.sparse import csr_array
 
 from ..arrays import Indices, row_positions
 from ..settings import Settings
-from .large_mesh import LargeMesh
+from .large_mesh import ROWS_AT_ONCE, LargeMesh, narrow_type, parts_of
+from .scratch import Allocate, in_memory
 from .task import BlockTask
+
+FRONT_AT_ONCE = 1 << 14
+"""Vertices whose faces are looked up together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +37,7 @@ class Cut:
         Block of each vertex, (V,).
     """
 
-    order: Indices
+    order: NDArray[np.integer[Any]]
     offsets: Indices
     block: NDArray[np.int32]
 
@@ -39,16 +45,15 @@ class Cut:
     def of(cls, mesh: LargeMesh, size: int) -> Cut:
         """Cut a mesh into blocks of at most `size` vertices, as equal as can be."""
         positions, count = mesh.positions, -(-len(mesh.positions) // size)
-        order = np.arange(len(positions))
+        order: NDArray[np.integer[Any]] = np.arange(len(positions), dtype=narrow_type(len(positions)))
         offsets, ahead = np.zeros(count + 1, dtype=np.int64), [(0, len(positions), 0, count)]
         while ahead:
             start, end, first, blocks = ahead.pop()
             if blocks == 1:
                 offsets[first + 1] = end
                 continue
-            own = order[start:end]
-            sides = [np.ptp(positions[own, axis]) for axis in range(3)]
-            along = positions[own, int(np.argmax(sides))]
+            own: NDArray[np.integer[Any]] = order[start:end]
+            along = positions[own, _longest_axis(positions, own)]
             order[start:end] = own[np.argsort(along, kind="stable")]
             left = blocks // 2
             middle = start + (end - start) * left // blocks
@@ -61,6 +66,15 @@ class Cut:
         return len(self.offsets) - 1
 
 
+def _longest_axis(positions: NDArray[np.floating[Any]], vertices: NDArray[np.integer[Any]]) -> int:
+    """Axis along which the box around some vertices is longest, the first of equal ones."""
+    low, high = np.full(3, np.inf, positions.dtype), np.full(3, -np.inf, positions.dtype)
+    for part in parts_of(vertices):
+        points = positions[part]
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    return int(np.argmax(high - low))
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """A block with its halo: n vertices and f faces.
@@ -71,11 +85,16 @@ class Part:
         Their numbers in the mesh, ascending, (n,) and (f,).
     first_triangles
         Number of each face's first triangle, (f,).
+    corners, sizes
+        The faces' corners as positions in `vertices`, one face after the other, and how many each has: one number
+        where all have as many.
     """
 
     vertices: Indices
     faces: Indices
     first_triangles: Indices
+    corners: NDArray[np.int32]
+    sizes: NDArray[np.int32] | int
 
     def triangle_numbers(self, polygon: Indices) -> Indices:
         """Return the numbers of triangles in the mesh from the faces of the part that they lie in, ascending, (t,)."""
@@ -87,57 +106,94 @@ class Part:
 class Parts:
     """Finds the parts of a cut mesh."""
 
-    def __init__(self, mesh: LargeMesh, cut: Cut, halo: int) -> None:
-        """Index the faces around each vertex; `halo` is the number of steps."""
+    def __init__(self, mesh: LargeMesh, cut: Cut, halo: int, allocate: Allocate = in_memory) -> None:
+        """Index the faces around each vertex, in arrays that `allocate` makes; `halo` is the number of steps."""
         self._mesh, self._cut, self._halo = mesh, cut, halo
         self._first_triangles = mesh.triangle_offsets()
-        offsets = mesh.offsets
-        if offsets is None:
-            offsets = np.arange(0, len(mesh.corners) + 1, mesh.size)
-        narrow = np.int32 if len(mesh.corners) < 2**31 else np.int64
-        rows = (np.ones(len(mesh.corners), np.int8), mesh.corners.astype(narrow, copy=False), offsets.astype(narrow))
-        around = csr_array(rows, shape=(mesh.face_count, len(mesh.positions))).tocsc()
-        self._offsets, self._faces = around.indptr, around.indices
+        self._offsets, self._faces = _faces_around(mesh, allocate)
         self._seen = np.zeros(len(mesh.positions), dtype=bool)
+        self._held = np.zeros(mesh.face_count, dtype=bool)
         self._place = np.zeros(len(mesh.positions), dtype=np.int32)
 
     def part(self, number: int) -> Part:
         """Return a block with its halo."""
         front = self._cut.order[self._cut.offsets[number] : self._cut.offsets[number + 1]]
         self._seen[front] = True
-        vertices, faces = [front], []
+        vertices, faces = [front], [front[:0]]
         for _ in range(self._halo):
-            reached = np.unique(self._faces[row_positions(self._offsets, front)[0]])
-            faces.append(reached)
-            corners = self._mesh.corners_of(reached)[0]
-            front = np.unique(corners[~self._seen[corners]])
-            self._seen[front] = True
+            ahead = [front[:0]]
+            for start in range(0, len(front), FRONT_AT_ONCE):
+                reached, beside = self._beyond(front[start : start + FRONT_AT_ONCE])
+                faces.append(reached)
+                ahead.append(beside)
+            front = np.concatenate(ahead)
             vertices.append(front)
-        own = np.sort(np.concatenate(vertices))
+        own, held = (np.sort(np.concatenate(found)).astype(np.int64) for found in (vertices, faces))
         self._seen[own] = False
-        held = np.unique(np.concatenate(faces)).astype(np.int64)
+        self._held[held] = False
         first = held if self._first_triangles is None else self._first_triangles[held]
-        return Part(own, held, first)
+        self._place[own] = np.arange(len(own), dtype=np.int32)
+        corners, offsets = self._mesh.corners_of(held)
+        return Part(own, held, first, self._place[corners], self._mesh.size or np.diff(offsets).astype(np.int32))
+
+    def _beyond(self, front: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Faces around some vertices that were not reached before, and vertices of these that were not seen."""
+        reached = np.unique(self._faces[row_positions(self._offsets, front)[0]])
+        reached = reached[~self._held[reached]]
+        self._held[reached] = True
+        corners = self._mesh.corners_of(reached)[0]
+        beside = np.unique(corners[~self._seen[corners]]).astype(front.dtype)
+        self._seen[beside] = True
+        return reached, beside
 
     def task(self, number: int, part: Part, settings: Settings, reach: int) -> BlockTask:
         """Return the task of solving a block."""
-        mesh, place = self._mesh, self._place
-        place[part.vertices] = np.arange(len(part.vertices), dtype=np.int32)
-        corners, offsets = mesh.corners_of(part.faces)
-        sharp = mesh.sharp_edges
+        mesh, sharp = self._mesh, self._mesh.sharp_edges
         if len(sharp):
             held = np.zeros(len(mesh.positions), dtype=bool)
             held[part.vertices] = True
-            sharp = place[sharp[held[sharp].all(axis=1)]].astype(np.int64)
+            self._place[part.vertices] = np.arange(len(part.vertices), dtype=np.int32)
+            sharp = self._place[sharp[held[sharp].all(axis=1)]].astype(np.int64)
         return BlockTask(
             number,
             len(self._cut) == 1,
             np.asarray(mesh.positions[part.vertices]),
             self._cut.block[part.vertices],
-            place[corners],
-            mesh.size or np.diff(offsets).astype(np.int32),
+            part.corners,
+            part.sizes,
             None if mesh.weights is None else mesh.weights[part.vertices],
             sharp,
             settings,
             reach,
         )
+
+
+def _faces_around(mesh: LargeMesh, allocate: Allocate) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The faces around each vertex as a ragged array: offsets (V + 1,), and faces, ascending, (C,).
+
+    Faces are sorted by their corners a run at a time, so that no more than a run is held in memory.
+    """
+    counts = np.zeros(len(mesh.positions), dtype=narrow_type(mesh.corners.size))
+    for _, low, run in _runs(mesh):
+        counts[low : low + run.shape[1]] += np.diff(run.indptr)
+    offsets = allocate("offsets", (len(counts) + 1,), counts.dtype)
+    np.cumsum(counts, out=offsets[1:], dtype=counts.dtype)
+    faces = allocate("faces", (mesh.corners.size,), narrow_type(mesh.face_count))
+    counts[:] = 0
+    for first, low, run in _runs(mesh):
+        here = slice(low, low + run.shape[1])
+        sizes = np.diff(run.indptr)
+        places = np.arange(run.nnz) + np.repeat(offsets[here] + counts[here] - run.indptr[:-1], sizes)
+        faces[places] = first + run.indices
+        counts[here] += sizes
+    return offsets, faces
+
+
+def _runs(mesh: LargeMesh) -> Iterator[tuple[int, int, Any]]:
+    """Runs of faces: the first of each, the smallest vertex, and which faces have which vertices from that on."""
+    for first in range(0, mesh.face_count, ROWS_AT_ONCE):
+        numbers = np.arange(first, min(first + ROWS_AT_ONCE, mesh.face_count))
+        corners, offsets = mesh.corners_of(numbers)
+        low, high = int(corners.min()), int(corners.max())
+        rows = (np.ones(len(corners), np.int8), corners - low, offsets)
+        yield first, low, csr_array(rows, shape=(len(numbers), high - low + 1)).tocsc()

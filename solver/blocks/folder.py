@@ -5,7 +5,8 @@ Every file appears when it is complete, so a job that was killed goes on from wh
     job.json          what the job is: a fingerprint of the mesh, the settings, the size of the blocks
     blocks/00000.npz  a solved block (see `content`); its presence says that the block is done
     noise.json        the noise level that all blocks remove, where it had to be estimated
-    parts/00000.npy   vertices and faces of the block's part: how many, then their numbers
+    parts/00000.npy   the block's part: how many vertices and faces it has, their numbers, and the faces' corners
+    scratch           arrays of a job that runs (see `scratch`)
     vertices.npy, error.npy, patch.npy, creases.npy, report.json
 """
 
@@ -21,10 +22,14 @@ from numpy.typing import NDArray
 
 from ..atomic_files import atomic_output
 from ..errors import FileFormatError, InputError
-from .content import SolvedBlock
+from .content import MeasuredBlock, SolvedBlock, sizes_in
 from .cut import Part
+from .large_mesh import narrow_type
 
 JOB, REPORT, CREASES = "job.json", "report.json", "creases.npy"
+
+PART_COLUMNS = 5
+"""Arrays of a part in one file."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,11 @@ class JobFolder:
         """The report of the finished job; raises as `job` does."""
         return self.read_json(REPORT)
 
+    @property
+    def scratch(self) -> Path:
+        """Where a job that runs has its large arrays."""
+        return self.path / "scratch"
+
     def is_there(self, name: str) -> bool:
         """Whether the folder has a file of this name."""
         return (self.path / name).is_file()
@@ -93,23 +103,39 @@ class JobFolder:
             When its file is damaged; without the file the job does the block again.
         """
         path = self._block(number)
-        return SolvedBlock.from_bytes(path.read_bytes(), f"'{path}'")
+        with open(path, "rb") as file:
+            return SolvedBlock.read(file, f"'{path}'")
+
+    def measured(self, number: int) -> MeasuredBlock:
+        """Read what is measured of a solved block, without its surface; raises as `block` does."""
+        path = self._block(number)
+        with open(path, "rb") as file:
+            return MeasuredBlock.read(file, f"'{path}'")
+
+    def blended(self, number: int) -> int:
+        """How many triangles a solved block shares with others; raises as `block` does."""
+        path = self._block(number)
+        with open(path, "rb") as file:
+            return sizes_in(file, f"'{path}'")["blended"]
 
     def keep_part(self, number: int, part: Part) -> None:
         """Keep which vertices and faces a block's part has."""
-        columns = [part.vertices, part.faces]
-        if part.first_triangles is not part.faces:
-            columns.append(part.first_triangles)
-        numbers = np.concatenate([[len(part.vertices), len(part.faces)], *columns])
-        narrow = np.int32 if numbers.max() <= np.iinfo(np.int32).max else np.int64
-        self.save(f"parts/{number:05}.npy", numbers.astype(narrow))
+        first = part.first_triangles if part.first_triangles is not part.faces else part.faces[:0]
+        size, sizes = (part.sizes, part.faces[:0]) if isinstance(part.sizes, int) else (0, part.sizes)
+        columns = [part.vertices, part.faces, first, sizes, part.corners]
+        largest = max(int(column.max(initial=0)) for column in columns)
+        counts = [*map(len, columns), size]
+        numbers = np.concatenate([counts, *columns], dtype=narrow_type(largest), casting="unsafe")
+        self.save(f"parts/{number:05}.npy", numbers)
 
     def part(self, number: int) -> Part:
         """Vertices and faces of a block's part."""
-        numbers = self.load(f"parts/{number:05}.npy").astype(np.int64)
-        vertices, faces = map(int, numbers[:2])
-        columns = np.split(numbers[2:], [vertices, vertices + faces])
-        return Part(columns[0], columns[1], columns[2] if len(columns[2]) else columns[1])
+        numbers = np.asarray(self.load(f"parts/{number:05}.npy"))
+        *counts, size = map(int, numbers[: PART_COLUMNS + 1])
+        columns = np.split(numbers[PART_COLUMNS + 1 :], np.cumsum(counts)[:-1])
+        vertices, faces, first = (column.astype(np.int64) for column in columns[:3])
+        sizes, corners = (column.astype(np.int32, copy=False) for column in columns[3:])
+        return Part(vertices, faces, first if len(first) else faces, corners, size or sizes)
 
     def save(self, name: str, array: NDArray[Any]) -> None:
         """Write an array."""

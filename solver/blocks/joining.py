@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices, length_of
 from ..mesh.edges import connected_parts
+from ..mesh.sampling import MEASURED_SAMPLES
 from ..progress import Progress, Steps
 from .cut import Cut
 from .folder import JobFolder
-from .large_mesh import ROWS_AT_ONCE, LargeMesh
+from .large_mesh import ROWS_AT_ONCE, LargeMesh, narrow_type, numbered_parts, parts_of
+from .scratch import Scratch
 from .spread import Spread
 from .turning import Turning
 
@@ -49,80 +51,108 @@ class Joined:
 
 
 @dataclass(eq=False)
-class _Sum:
-    """Sums of rows with equal numbers, in the order in which they come."""
+class _Links:
+    """Pieces of blocks that hold the same vertex."""
 
-    numbers: list[Indices] = field(default_factory=list)
-    rows: list[NDArray[Any]] = field(default_factory=list)
+    vertices: list[Indices] = field(default_factory=list)
+    pieces: list[Indices] = field(default_factory=list)
+    count: int = 0
 
-    def add(self, numbers: Indices, rows: NDArray[Any]) -> None:
-        self.numbers.append(numbers)
-        self.rows.append(rows)
+    def add(self, vertices: Indices, pieces: Indices, count: int) -> None:
+        """Note the pieces of a block, of which it has `count`, at some vertices."""
+        self.vertices.append(vertices.astype(narrow_type(int(vertices.max(initial=0)))))
+        self.pieces.append((pieces + self.count).astype(narrow_type(self.count + count)))
+        self.count += count
 
-    def sums(self) -> tuple[Indices, Array]:
-        """Return the numbers, ascending, and the sums of their rows."""
-        numbers = np.concatenate(self.numbers)
-        order = np.argsort(numbers, kind="stable")
-        starts = np.flatnonzero(np.diff(numbers[order], prepend=-1))
-        rows = np.concatenate(self.rows)[order].astype(np.float64)
-        return numbers[order][starts], np.add.reduceat(rows, starts, axis=0) if len(starts) else rows
+    def components(self) -> int:
+        """How many pieces there are when those that hold the same vertex are one."""
+        vertices, pieces = np.concatenate(self.vertices), np.concatenate(self.pieces)
+        order = np.argsort(vertices, kind="stable")
+        same = np.flatnonzero(np.diff(vertices[order]) == 0)
+        return connected_parts(pieces[order][same], pieces[order][same + 1], self.count)[0]
 
 
-def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder) -> Steps[Joined]:
+class _Inside:
+    """Sums of the blocks' parts of S(x) - x in the triangles that they share, (n, 6, 3), in a file."""
+
+    def __init__(self, triangles: int, most: int, scratch: Scratch) -> None:
+        """Prepare for some of the mesh's triangles, no more than `most` of them."""
+        self._scratch = scratch
+        self._row = scratch.array("row", (triangles,), narrow_type(most))
+        self._sums = scratch.array("sums", (most, len(MEASURED_SAMPLES), 3), np.float64)
+        self._used = 0
+
+    def add(self, triangles: Indices, parts: NDArray[np.float32]) -> None:
+        """Add the parts of a block, whose triangles are different ones."""
+        new = triangles[self._row[triangles] == 0]
+        self._row[new] = np.arange(self._used + 1, self._used + len(new) + 1)  # 0: has no row yet
+        self._used += len(new)
+        self._sums[self._row[triangles] - 1] += parts
+
+    def spread(self) -> Spread:
+        """Measure the sums."""
+        total = Spread()
+        for part in parts_of(self._sums[: self._used]):
+            total += Spread.of(length_of(part))
+            self._scratch.rest()
+        return total
+
+
+def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder, scratch: Scratch) -> Steps[Joined]:
     """Put the blocks together.
 
     Parts of the blocks are added in the order of the blocks, whatever the order in which they were solved.
     """
-    points = np.array(mesh.positions)
-    patch = np.full(len(points), -1, dtype=np.int32)
-    at, within, links = _Sum(), _Sum(), _Sum()
-    between, turning, reports, creases = Spread(), Turning(), [], [np.zeros((0, 2), dtype=np.int64)]
-    patches = pieces = 0
+    points = scratch.array("points", mesh.positions.shape, mesh.positions.dtype)
+    moved = scratch.array("moved", mesh.positions.shape, np.float64)
+    patch = scratch.array("patch", (len(points),), np.int32)
+    for first, part in numbered_parts(mesh.positions):
+        points[first : first + len(part)] = part
+        patch[first : first + len(part)] = -1
+        scratch.rest()
+    blended = sum(folder.blended(number) for number in range(len(cut)))
+    inside = _Inside(mesh.triangle_count, blended, scratch)
+    links, between, turning, reports = _Links(), Spread(), Turning(), []
+    shared, creases = np.zeros(len(points), dtype=bool), [np.zeros((0, 2), dtype=np.int64)]
+    patches = 0
     for number in range(len(cut)):
-        solved, part = folder.block(number), folder.part(number)
-        share, vertices = solved.share, part.vertices
+        solved, held = folder.measured(number), folder.part(number)
+        share, vertices = solved.share, held.vertices
         alone, own = share == 1.0, cut.block[vertices] == number
         points[vertices[alone]] = solved.points[alone]
         patch[vertices[own]] = np.where(solved.patch[own] < 0, -1, solved.patch[own].astype(np.int32) + patches)
-        shared = np.flatnonzero((share > 0.0) & ~alone)
-        moved = solved.points[shared].astype(np.float64) - mesh.positions[vertices[shared]]
-        at.add(vertices[shared], share[shared, None] * moved)
-        links.add(vertices[shared], solved.piece[shared].astype(np.int64) + pieces)
-        within.add(part.triangle_numbers(solved.surface.polygon)[solved.blended], solved.parts)
+        some = np.flatnonzero((share > 0.0) & ~alone)
+        away = solved.points[some].astype(np.float64) - mesh.positions[vertices[some]]
+        moved[vertices[some]] += share[some, None] * away
+        shared[vertices[some]] = True
+        links.add(vertices[some], solved.piece[some], int(solved.piece.max(initial=-1)) + 1)
+        inside.add(held.triangle_numbers(solved.polygon)[solved.blended], solved.parts)
         between += solved.between
         turning = turning.plus(solved.turning)
         # where blocks see different ones beside their borders, that of the edge's first vertex is asked
         marked = np.sort(vertices[solved.marked], axis=1)
         creases.append(marked[cut.block[marked[:, 0]] == number])
         reports.append(solved.report)
-        patches += solved.surface.patches
-        pieces += int(solved.piece.max(initial=-1)) + 1
+        patches += solved.patches
+        scratch.rest()
         yield Progress("Joining blocks", (number + 1) / len(cut))
-    numbers, moved = at.sums()
-    points[numbers] = mesh.positions[numbers] + moved
-    between += Spread.of(np.linalg.norm(within.sums()[1], axis=2)) if len(numbers) else Spread()
-    turning = turning.plus(_turned(mesh, points, numbers))
+    for first, part in numbered_parts(shared):
+        numbers = first + np.flatnonzero(part)
+        points[numbers] = mesh.positions[numbers] + moved[numbers]
+        scratch.rest()
+    turning = turning.plus(_turned(mesh, points, shared))
+    scratch.rest()
     marked = np.unique(np.concatenate(creases), axis=0)
-    return Joined(points, patch, between, reports, _linked(links, pieces), turning, marked)
+    return Joined(points, patch, between + inside.spread(), reports, links.components(), turning, marked)
 
 
-def _linked(links: _Sum, pieces: int) -> int:
-    """Number of components when pieces that hold the same vertex are one."""
-    vertices, own = np.concatenate(links.numbers), np.concatenate(links.rows)
-    order = np.argsort(vertices, kind="stable")
-    same = np.flatnonzero(np.diff(vertices[order]) == 0)
-    return connected_parts(own[order][same], own[order][same + 1], pieces)[0]
-
-
-def _turned(mesh: LargeMesh, after: NDArray[Any], shared: Indices) -> Turning:
+def _turned(mesh: LargeMesh, after: NDArray[Any], shared: Booleans) -> Turning:
     """How the faces turn at vertices that blocks share; the blocks have measured all others."""
-    marked = np.zeros(len(after), dtype=bool)
-    marked[shared] = True
     turning = Turning()
     for first in range(0, mesh.face_count, ROWS_AT_ONCE):
         faces = np.arange(first, min(first + ROWS_AT_ONCE, mesh.face_count))
         corners, offsets = mesh.corners_of(faces)
-        faces = faces[np.logical_or.reduceat(marked[corners], offsets[:-1])]
+        faces = faces[np.logical_or.reduceat(shared[corners], offsets[:-1])]
         if len(faces):
             corners, offsets = mesh.corners_of(faces)
             vertices, corners = np.unique(corners, return_inverse=True)
@@ -131,23 +161,21 @@ def _turned(mesh: LargeMesh, after: NDArray[Any], shared: Indices) -> Turning:
     return turning
 
 
-def distances(mesh: LargeMesh, after: NDArray[Any]) -> Array:
-    """Distance of each vertex from the input, (V,)."""
-    error = np.empty(len(after))
-    for first in range(0, len(after), ROWS_AT_ONCE):
-        part = slice(first, first + ROWS_AT_ONCE)
-        error[part] = np.linalg.norm(after[part].astype(np.float64) - mesh.positions[part], axis=1)
-    return error
+def distances(mesh: LargeMesh, after: NDArray[Any], error: Array) -> None:
+    """Set the distance of each vertex from the input, (V,)."""
+    for first, part in numbered_parts(after):
+        away = part.astype(np.float64) - mesh.positions[first : first + len(part)]
+        error[first : first + len(part)] = np.linalg.norm(away, axis=1)
 
 
 def longest_side(mesh: LargeMesh) -> float:
     """Longest side of the box around the vertices that faces use."""
     used = np.zeros(len(mesh.positions), dtype=bool)
-    for first in range(0, len(mesh.corners), ROWS_AT_ONCE):
-        used[mesh.corners[first : first + ROWS_AT_ONCE]] = True
+    for part in parts_of(mesh.corners):
+        used[part] = True
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for first in range(0, len(used), ROWS_AT_ONCE):
-        part = mesh.positions[first : first + ROWS_AT_ONCE][used[first : first + ROWS_AT_ONCE]]
-        if len(part):
-            low, high = np.minimum(low, part.min(axis=0)), np.maximum(high, part.max(axis=0))
+    for first, part in numbered_parts(mesh.positions):
+        points = part[used[first : first + len(part)]]
+        if len(points):
+            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     return float((high - low).max())

@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..mesh.input_checks import LARGEST_COORDINATE, checked_edges, checked_faces
 from ..patches.observations import checked_weights
 
-ROWS_AT_ONCE = 1 << 20
+ROWS_AT_ONCE = 1 << 16
 """Rows of an array that are read together."""
 
 
@@ -28,7 +28,7 @@ class LargeMesh:
     positions
         (V, 3), of any floating-point type.
     corners
-        Vertices of the polygons, one polygon after the other, (C,).
+        Vertices of the polygons: one polygon after the other, (C,), or a row for each, (F, size).
     offsets
         Where each polygon's corners begin, (F + 1,); None where all have `size` corners.
     size
@@ -67,7 +67,7 @@ class LargeMesh:
         if positions.ndim != 2 or positions.shape[1:] != (3,) or not len(positions):
             raise InputError(f"The vertices must be an array of three numbers each, not of shape {positions.shape}.")
         if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.dtype.kind in "iu" and len(faces):
-            corners, offsets, size = faces.reshape(-1), None, faces.shape[1]
+            corners, offsets, size = faces, None, faces.shape[1]
         else:
             corners, offsets = checked_faces(faces, len(positions))
             size = 0
@@ -87,12 +87,12 @@ class LargeMesh:
     @property
     def face_count(self) -> int:
         """Number of polygons, F."""
-        return len(self.corners) // self.size if self.offsets is None else len(self.offsets) - 1
+        return len(self.corners) if self.offsets is None else len(self.offsets) - 1
 
     def corners_of(self, faces: Indices) -> tuple[Indices, Indices]:
         """Return the corners of some polygons, and the offsets of each of them in it."""
         if self.offsets is None:
-            rows = self.corners.reshape(-1, self.size)[faces].astype(np.int64)
+            rows = self.corners[faces].astype(np.int64)
             return rows.reshape(-1), np.arange(len(faces) + 1) * self.size
         places, offsets = row_positions(self.offsets, faces)
         return self.corners[places].astype(np.int64), offsets
@@ -100,19 +100,17 @@ class LargeMesh:
     def triangle_offsets(self) -> Indices | None:
         """Number of each polygon's first triangle, (F + 1,); None where polygons are triangles."""
         if self.offsets is None:
-            rows = self.corners.reshape(-1, self.size)
-            repeats = np.concatenate(
-                [(part == np.roll(part, 1, axis=1)).sum(axis=1) for part in parts_of(rows)] or [np.zeros(0, np.int64)]
-            )
+            kinds = np.int8 if self.size <= np.iinfo(np.int8).max else np.int64
+            repeats = np.empty(len(self.corners), dtype=kinds)
+            for first, part in numbered_parts(self.corners):
+                repeats[first : first + len(part)] = (part == np.roll(part, 1, axis=1)).sum(axis=1)
             if self.size == 3 and not repeats.any():
                 return None
-            counts = self.size - repeats - 2
-        else:
-            previous = np.roll(self.corners, 1)
-            previous[self.offsets[:-1]] = self.corners[self.offsets[1:] - 1]
-            kept = (self.corners != previous).astype(np.int64)
-            counts = np.add.reduceat(kept, self.offsets[:-1]) - 2
-        return offsets_of(np.maximum(counts, 0))
+            return offsets_of(np.maximum(self.size - 2 - repeats, 0))
+        previous = np.roll(self.corners, 1)
+        previous[self.offsets[:-1]] = self.corners[self.offsets[1:] - 1]
+        kept = (self.corners != previous).astype(np.int64)
+        return offsets_of(np.maximum(np.add.reduceat(kept, self.offsets[:-1]) - 2, 0))
 
     @property
     def triangle_count(self) -> int:
@@ -152,5 +150,16 @@ class LargeMesh:
 
 def parts_of(array: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Yield runs of an array's rows."""
+    for _, part in numbered_parts(array):
+        yield part
+
+
+def numbered_parts(array: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yield runs of an array's rows, each with the number of its first."""
     for start in range(0, len(array), ROWS_AT_ONCE):
-        yield array[start : start + ROWS_AT_ONCE]
+        yield start, array[start : start + ROWS_AT_ONCE]
+
+
+def narrow_type(largest: int) -> type[np.int32] | type[np.int64]:
+    """The smaller type of whole numbers that holds all up to the largest."""
+    return np.int32 if largest <= np.iinfo(np.int32).max else np.int64

@@ -114,7 +114,6 @@ def _solved(task: BlockTask, share: Array, triangles: Indices, found: Approximat
             part = alone[start : start + TRIANGLES_AT_ONCE]
             between += Spread.of(surface_error(found.representation, part, vertices=points))
     return SolvedBlock(
-        replace(found.representation, initial=""),
         share,
         found.vertices,
         found.patch.astype(np.int64),
@@ -125,6 +124,10 @@ def _solved(task: BlockTask, share: Array, triangles: Indices, found: Approximat
         between,
         turning,
         found.report,
+        triangles,
+        found.representation.polygon,
+        found.representation.patches,
+        replace(found.representation, initial=""),
     )
 
 
@@ -159,7 +162,6 @@ def _without_surface(task: BlockTask, share: Array, triangles: tuple[Indices, In
     passing = np.full(len(share), -1, dtype=np.int64)
     parts = np.zeros((0, len(MEASURED_SAMPLES), 3), dtype=np.float32)
     return SolvedBlock(
-        surface,
         share,
         task.positions,
         passing,
@@ -170,4 +172,7 @@ def _without_surface(task: BlockTask, share: Array, triangles: tuple[Indices, In
         Spread(),
         Turning(),
         {},
+        *triangles,
+        0,
+        surface,
     )

@@ -13,7 +13,7 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import IO, Any
 
@@ -121,9 +121,9 @@ def pack(kind: Format, head: Mapping[str, Any], arrays: Arrays) -> bytes:
 
 
 def unpack(
-    kinds: Mapping[int, Format], file: IO[bytes], name: str
+    kinds: Mapping[int, Format], file: IO[bytes], name: str, only: Collection[str] | None = None
 ) -> tuple[int, dict[str, Any], Arrays, dict[str, int]]:
-    """Read a file that `pack` made, of one of several versions.
+    """Read a file that `pack` made, of one of several versions; where names are given, only these arrays.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def unpack(
         raise FileFormatError(f"{name} is not {kinds[max(kinds)].noun}.") from None
     with refusing(name), archive:
         version, head = _read_head(kinds, archive, name)
-        return version, head, *_read_layers(kinds[version], archive)
+        return version, head, *_read_layers(kinds[version], archive, only)
 
 
 def _read_head(kinds: Mapping[int, Format], archive: zipfile.ZipFile, name: str) -> tuple[int, dict[str, Any]]:
@@ -172,7 +172,7 @@ def _read_head(kinds: Mapping[int, Format], archive: zipfile.ZipFile, name: str)
     return version, own
 
 
-def _read_layers(kind: Format, archive: zipfile.ZipFile) -> tuple[Arrays, dict[str, int]]:
+def _read_layers(kind: Format, archive: zipfile.ZipFile, only: Collection[str] | None) -> tuple[Arrays, dict[str, int]]:
     """Compare the sizes of all arrays with the format and with each other, then read them."""
     entries = {entry.filename: entry for entry in archive.infolist()}
     demand(len(entries) == len(archive.infolist()), "it holds an array twice")
@@ -192,7 +192,8 @@ def _read_layers(kind: Format, archive: zipfile.ZipFile) -> tuple[Arrays, dict[s
     expanded = sum(entry.file_size for entry in entries.values())
     packed = sum(entry.compress_size for entry in entries.values())
     demand(expanded <= SMALL + LARGEST_EXPANSION * packed, "it would fill the memory with repetitions")
-    return {name: _read_array(archive, entries[f"{name}.npy"]) for name in kind.layers}, sizes
+    names = kind.layers if only is None else only
+    return {name: _read_array(archive, entries[f"{name}.npy"]) for name in names}, sizes
 
 
 def _read_header(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> tuple[np.dtype[Any], tuple[int, ...], int]:
