@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,19 @@ def row_positions(offsets: Indices, rows: Indices) -> tuple[Indices, Indices]:
     positions = np.arange(new[-1], dtype=np.int64)
     positions += np.repeat(offsets[rows] - new[:-1], sizes)
     return positions, new
+
+
+def padded_rows(
+    rows: Sequence[NDArray[Any]], filler: float, leading: tuple[int, ...] = (), dtype: type[np.generic] = np.float64
+) -> NDArray[Any]:
+    """Return K arrays (*leading, n) of different n as one, (K, *leading, largest n), the rows' ends filled."""
+    longest = max((row.shape[-1] for row in rows), default=0)
+    if rows and all(row.shape[-1] == longest for row in rows):
+        return np.array(rows, dtype=dtype)
+    wide = np.full((len(rows), *leading, longest), filler, dtype=dtype)
+    for place, row in zip(wide, rows, strict=True):
+        place[..., : row.shape[-1]] = row
+    return wide
 
 
 def runs_of_rows(offsets: Indices, most: int) -> Iterator[tuple[int, int]]:

@@ -9,7 +9,6 @@ they are looked at closely.  What still swings out there is refitted with lower 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 
 import numpy as np
 
@@ -141,7 +140,7 @@ class UnevenTriangles:
         squares = [((a - b) ** 2) @ np.ones(2) for a, b in ((one, two), (two, three), (three, one))]
         sides = np.sqrt(np.maximum.reduce(squares).max(axis=0))
         offsets = representation.triangle_offsets
-        median = np.array([_median(sides[first:end]) for first, end in pairwise(offsets)])
+        median = _medians(sides, offsets)
         seen = largest_of(representation.corner_weights) > 0.0
         return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)
 
@@ -153,10 +152,17 @@ class UnevenTriangles:
         return float(error.max(initial=0.0))
 
 
-def _median(values: Array) -> float:
-    """The median, or the larger one of two."""
-    middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
+def _medians(values: Array, offsets: Indices) -> Array:
+    """The median of each row, (K,), or the larger one of two; rows in one array, split at `offsets`."""
+    sizes = np.diff(offsets)
+    medians = np.empty(len(sizes))
+    for first, end in runs_of_rows(offsets, OBSERVED_AT_ONCE):
+        own = sizes[first:end]
+        rows = np.full((len(own), own.max()), np.inf)
+        rows[np.arange(own.max()) < own[:, None]] = values[offsets[first] : offsets[end]]
+        rows.sort(axis=1)
+        medians[first:end] = rows[np.arange(len(own)), own // 2]
+    return medians
 
 
 def errors_between(surface: MeshSurface) -> Array:

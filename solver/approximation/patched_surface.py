@@ -241,14 +241,16 @@ class PatchedSurface(Generic[Observing]):
 
     def forget_observations(self) -> None:
         """Free what only fitting needs: bounding and measuring take memory, too."""
-        none = np.zeros((0, 3))
-        self._fits = [None if fit is None else replace(fit, values=none) for fit in self._fits]
-        self._observations = self._native = self._blended = self._order = self.preview = None
+        self._fits = [None if fit is None else fit.without_values() for fit in self._fits]
+        self._forget_data()
 
     def forget_fits(self) -> None:
         """Free what only assembling a representation needs."""
-        self.forget_observations()
         self._fits = [None] * len(self.patches)
+        self._forget_data()
+
+    def _forget_data(self) -> None:
+        self._observations = self._native = self._blended = self._order = self.preview = None
 
     @property
     def blended(self) -> Array:

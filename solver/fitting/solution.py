@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, padded_rows
 from .batch import Batch
 from .dictionary import Dictionary
 
@@ -85,11 +85,13 @@ def _append(history: list[Array], new: Array, which: Indices | None) -> None:
 
 def summed_histories(histories: list[Array]) -> Array:
     """Sum the patches' histories, (n,); a shorter one counts with its last entry from then on."""
-    count = max((len(history) for history in histories), default=0)
-    total = np.zeros(count)
-    for history in histories:
-        total[: len(history)] += history
-        total[len(history) :] += history[-1:].sum()
+    if not histories:
+        return np.zeros(0)
+    rows, lengths = padded_rows(histories, 0.0), np.array([len(history) for history in histories])
+    for short in np.flatnonzero((lengths > 0) & (lengths < rows.shape[1])):
+        rows[short, lengths[short] :] = histories[short][-1]
+    # one patch after the other, however many iterations there are
+    total: Array = np.cumsum(rows, axis=0)[-1]
     return total
 
 

@@ -179,29 +179,30 @@ static void add_block(const Functions *functions, const Blend *blend, Block *blo
 
 /* Add what the patches contribute to the surface at points sorted by triangle.
  *
- * The points runs[t] .. runs[t + 1] - 1 lie in mesh triangle t at `inside` (N, 3); `points` are (N, 3), or (N, 9) with
- * tangents.  Each point receives its patches in their order. */
-int ENTRY(add_patches)(const Functions *functions, const Blend *blend, const int64_t *runs, const double *inside,
-                       int64_t tangents, double *points) {
+ * The points runs[t] .. runs[t + 1] - 1 lie in the mesh triangle triangle[t], t < count, at `inside` (N, 3); `points`
+ * are (N, 3), or (N, 9) with tangents.  Each point receives its patches in their order. */
+int ENTRY(add_patches)(const Functions *functions, const Blend *blend, const Holders *holders, const int64_t *triangle,
+                       const int64_t *runs, int64_t count, const double *inside, int64_t tangents, double *points) {
     Block block;
+    Visits visits;
+    if (!find_visits(blend->patches, holders, triangle, count, &visits)) return OUT_OF_MEMORY;
     Arena arena = memory_for_block(functions, &block);
-    if (!arena.memory) return OUT_OF_MEMORY;
-    for (int64_t k = 0; k < blend->patches; k++) {
-        int count = 0;
-        for (int64_t s = blend->triangle_offsets[k]; s < blend->triangle_offsets[k + 1]; s++) {
-            const double *weight = blend->weights + 3 * s;
-            if (!(weight[0] > 0.0 || weight[1] > 0.0 || weight[2] > 0.0)) continue;
-            int64_t face = blend->mesh_triangles[s];
-            for (int64_t point = runs[face]; point < runs[face + 1]; point++) {
-                block.point[count] = point;
-                block.triangle[count++] = s;
-                if (count < POINTS) continue;
-                add_block(functions, blend, &block, k, count, inside, tangents != 0, points);
-                count = 0;
+    for (int64_t k = 0; k < blend->patches && arena.memory; k++) {
+        int own = 0;
+        for (int64_t pair = visits.starts[k]; pair < visits.starts[k + 1]; pair++) {
+            int64_t run = visits.thing[pair];
+            for (int64_t point = runs[run]; point < runs[run + 1]; point++) {
+                block.point[own] = point;
+                block.triangle[own++] = visits.held[pair];
+                if (own < POINTS) continue;
+                add_block(functions, blend, &block, k, own, inside, tangents != 0, points);
+                own = 0;
             }
         }
-        if (count) add_block(functions, blend, &block, k, count, inside, tangents != 0, points);
+        if (own) add_block(functions, blend, &block, k, own, inside, tangents != 0, points);
     }
+    forget_visits(&visits);
+    if (!arena.memory) return OUT_OF_MEMORY;
     free_aligned(arena.memory);
     return DONE;
 }

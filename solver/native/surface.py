@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctypes import Structure, byref, c_double, c_int64, c_void_p
+from ctypes import Structure, byref, c_int64, c_void_p
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,24 +53,16 @@ class Blend(NamedTuple):
     domains: Array
 
 
-class Limits(NamedTuple):
-    """Largest derivatives of the one-variable polynomials, as in `surface.taylor.DerivativeBounds`."""
-
-    low: float
-    width: float
-    levels: Array
-
-
-class Pairs(NamedTuple):
-    """Parts of mesh triangles in the patches that hold them, (n,) each, those of a patch one after the other.
+class Holders(NamedTuple):
+    """Which patches hold each mesh triangle with some weight.
 
     Attributes
     ----------
-    part, held, patch
-        Number of the part, patch triangle that it lies in, and patch.
+    starts, held, patch
+        The patch triangles over mesh triangle t are `held[starts[t]:starts[t + 1]]`, ascending; their patches.
     """
 
-    part: Indices
+    starts: Indices
     held: Indices
     patch: Indices
 
@@ -97,23 +89,11 @@ class _Comparison(Structure):
     )
 
 
-class _Limits(Structure):
-    _fields_ = (
-        *((name, c_double) for name in ("low", "width")),
-        *((name, c_int64) for name in ("order", "cells")),
-        ("levels", c_void_p),
-    )
+class _Holders(Structure):
+    _fields_ = tuple((name, c_void_p) for name in ("starts", "held", "patch"))
 
 
-class _Parts(Structure):
-    _fields_ = (
-        *((name, c_int64) for name in ("pairs", "places")),
-        *((name, c_void_p) for name in ("part", "held", "patch", "corners", "vertices", "triangles", "lattice")),
-        *((name, c_void_p) for name in ("values", "left_out")),
-    )
-
-
-class _Memory:
+class Memory:
     """Addresses of arrays in the form that the kernel reads; it keeps the arrays alive."""
 
     def __init__(self) -> None:
@@ -148,42 +128,47 @@ class _Memory:
             self.real(own.domains),
         )
 
+    def holders(self, own: Holders) -> _Holders:
+        return _Holders(*(self.whole(numbers) for numbers in own))
+
     def _kept(self, array: NDArray[Any]) -> int:
         self._arrays.append(array)
         return array.ctypes.data
 
 
-def _run(name: str, *arguments: Any) -> None:
+def call(name: str, *arguments: Any) -> None:
     if function(name)(*arguments):
         raise MemoryError("There is not enough memory to evaluate the surface.")
 
 
 def patch_values(functions: Functions, first: int, offsets: Indices, domain: Array) -> Array:
     """Values (N, 3) of patches from `first` on at parameters (C, N, 2) that are split at `offsets`."""
-    memory, values = _Memory(), np.empty((domain.shape[1], 3))
+    memory, values = Memory(), np.empty((domain.shape[1], 3))
     native, count = memory.functions(functions), len(offsets) - 1
     places = (c_void_p(address) for address in (memory.whole(offsets), memory.real(domain), memory.real(values)))
-    _run("patch_values", byref(native), c_int64(first), c_int64(count), *places)
+    call("patch_values", byref(native), c_int64(first), c_int64(count), *places)
     return values
 
 
-def with_patches(functions: Functions, blend: Blend, runs: Indices, inside: Array, sums: Array) -> Array:
+def with_patches(
+    functions: Functions, blend: Blend, holders: Holders, where: tuple[Indices, Indices], inside: Array, sums: Array
+) -> Array:
     """`sums` and what the patches contribute to the surface at points that are sorted by triangle.
 
     Parameters
     ----------
-    runs
-        The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
+    where
+        Mesh triangles (n,) and offsets (n + 1,): the points from `offsets[k]` to `offsets[k + 1]` lie in the k-th.
     inside
         Barycentric coordinates, (3, N).
     sums
         Of the points (3, N), or of points and derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (9, N).
     """
-    memory, points = _Memory(), np.array(sums.T, order="C")
-    native, where = memory.functions(functions), memory.blend(blend)
-    ends, places = c_void_p(memory.whole(runs)), c_void_p(memory.real(inside.T))
+    memory, points = Memory(), np.array(sums.T, order="C")
+    patches = byref(memory.functions(functions)), byref(memory.blend(blend)), byref(memory.holders(holders))
+    runs = *(c_void_p(memory.whole(own)) for own in where), c_int64(len(where[0]))
     tangents = c_int64(len(sums) == 9)
-    _run("add_patches", byref(native), byref(where), ends, places, tangents, c_void_p(points.ctypes.data))
+    call("add_patches", *patches, *runs, c_void_p(memory.real(inside.T)), tangents, c_void_p(points.ctypes.data))
     return points.T
 
 
@@ -206,59 +191,10 @@ def largest_errors(
     samples
         Barycentric coordinates of the places that are compared in every triangle, (q, 3).
     """
-    memory, own = _Memory(), slice(*run)
+    memory, own = Memory(), slice(*run)
     tables = {name: getattr(functions, name)[own] for name in ("support", "coefficients", "origins", "scales")}
     native = memory.functions(functions._replace(**tables))
     where = memory.blend(blend._replace(triangle_offsets=blend.triangle_offsets[run[0] : run[1] + 1]))
     points, corners, inside = memory.real(flat[0]), memory.whole(flat[1]), memory.real(samples)
     comparison = _Comparison(points, corners, len(samples), inside, memory.real(errors))
-    _run("largest_errors", byref(native), byref(where), byref(comparison))
-
-
-def parts_models(
-    functions: Functions,
-    blend: Blend,
-    limits: Limits,
-    pairs: Pairs,
-    corners: Array,
-    flat: tuple[Array, Indices],
-    lattice: Array,
-) -> tuple[Array, Array]:
-    """Sum the Taylor models of the patches less the flat triangle, weighted, over parts of triangles.
-
-    Parameters
-    ----------
-    limits
-        Largest derivatives of the polynomials.
-    pairs
-        The parts in the patches that hold them.
-    corners
-        The parts' corners in barycentric coordinates of their triangles, (P, 3, 3).
-    flat
-        The mesh that the surface is compared with: vertices (V, 3), triangles (T, 3).
-    lattice
-        Barycentric coordinates of the places that fix a polynomial, (L, 3).
-
-    Returns
-    -------
-    values, left_out
-        The polynomials at the lattice, (P, L, 3), and bounds of what they leave out, (P, 3), scene units.
-    """
-    memory = _Memory()
-    values, left_out = np.zeros((len(corners), len(lattice), 3)), np.zeros((len(corners), 3))
-    native, where = memory.functions(functions), memory.blend(blend)
-    _, orders, cells, _ = limits.levels.shape
-    most = _Limits(limits.low, limits.width, orders - 1, cells, memory.real(limits.levels))
-    parts = _Parts(
-        len(pairs.part),
-        len(lattice),
-        *(memory.whole(numbers) for numbers in pairs),
-        memory.real(corners),
-        memory.real(flat[0]),
-        memory.whole(flat[1]),
-        memory.real(lattice),
-        memory.real(values),
-        memory.real(left_out),
-    )
-    _run("add_models", byref(native), byref(where), byref(most), byref(parts))
-    return values, left_out
+    call("largest_errors", byref(native), byref(where), byref(comparison))

@@ -21,8 +21,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import any_of, largest_of, length_of, rows_at
-from ..native import surface as native
+from ..arrays import any_of, length_of, rows_at
+from ..native import bounds as native
 from ..processes.each import Each, all_done
 from .closing import Closing
 from .representation import Representation
@@ -206,14 +206,14 @@ class _ErrorModel:
     def _prepare(self) -> None:
         """Compute what all blocks share, before several begin at once."""
         surface = self.surface
-        _ = surface.native_functions, surface.native_blend, surface.input_weights, surface.patch_of_triangle
-        _ = self._derivative_bounds, surface.dictionary
+        _ = surface.native_functions, surface.native_blend, surface.input_weights, surface.holders
+        _ = self._derivative_bounds, surface.dictionary, surface.patch_of_triangle
         if self.closing is not None:
             self.closing.prepare()
 
     def _blocks(self, parts: _Parts) -> Iterator[slice]:
         """Runs of parts that hold together in memory."""
-        ends = np.cumsum(np.diff(self._holders[0])[parts.triangle])
+        ends = np.cumsum(np.diff(self.surface.holders.starts)[parts.triangle])
         start = 0
         while start < len(ends):
             before = ends[start - 1] if start else 0
@@ -222,8 +222,15 @@ class _ErrorModel:
             start = stop
 
     def _bounds(self, parts: _Parts, lattice: Lattice) -> tuple[Array, Array]:
+        surface = self.surface
+        if surface.native_functions is not None:
+            patches = surface.native_functions, surface.native_blend, surface.holders, self._limits(lattice.order)
+            closing = None if self.closing is None else self.closing.natively()
+            compared = native.Compared(surface.triangles, self.flat, surface.vertices, surface.input_weights)
+            own = native.Parts(parts.triangle, parts.corners)
+            return native.bound_parts(*patches, closing, own, compared, (lattice.places, lattice.to_bernstein))
         values, remainder = self._patches_part(parts, lattice)
-        shown = np.flatnonzero(any_of(rows_at(self.surface.input_weights, parts.triangle) != 0.0))
+        shown = np.flatnonzero(any_of(rows_at(surface.input_weights, parts.triangle) != 0.0))
         values[shown] += self._input_values(parts.select(shown), lattice)
         left_out = length_of(remainder)
         if self.closing is not None:
@@ -241,11 +248,6 @@ class _ErrorModel:
         part, held = self._pairs(parts.triangle)
         order = np.argsort(surface.patch_of_triangle[held], kind="stable")
         part, held = part[order], held[order]
-        if surface.native_functions is not None:
-            pairs = native.Pairs(part, held, surface.patch_of_triangle[held])
-            models = surface.native_functions, surface.native_blend, self._limits(lattice.order)
-            where = self.flat, surface.triangles
-            return native.parts_models(*models, pairs, parts.corners, where, lattice.places)
         values = np.zeros((len(parts.triangle), len(lattice.places), 3))
         remainder = np.zeros((len(parts.triangle), 3))
         weights = np.matmul(parts.corners[part], surface.corner_weights[held][:, :, None])[:, :, 0]
@@ -264,18 +266,9 @@ class _ErrorModel:
         weights = np.matmul(parts.corners, self.surface.input_weights[parts.triangle][:, :, None])
         return np.matmul(lattice.places, weights) * np.matmul(lattice.places, away)
 
-    @cached_property
-    def _holders(self) -> tuple[Indices, Indices]:
-        """Patch triangles with weight, sorted by mesh triangle, and where those of each begin, (T + 1,)."""
-        weighty = np.flatnonzero(largest_of(self.surface.corner_weights) > 0.0)
-        face = self.surface.mesh_triangles[weighty]
-        order = np.argsort(face, kind="stable")
-        counts = np.bincount(face, minlength=len(self.surface.triangles))
-        return np.concatenate([[0], np.cumsum(counts)]), weighty[order]
-
     def _pairs(self, triangle: Indices) -> tuple[Indices, Indices]:
         """Each part in each of its patches: numbers of the parts and patch triangles, (n,) each."""
-        starts, holders = self._holders
+        starts, holders, _ = self.surface.holders
         counts = starts[triangle + 1] - starts[triangle]
         ends = np.cumsum(counts)
         within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)

@@ -32,6 +32,7 @@ from numpy.polynomial import chebyshev
 
 from ..arrays import Array, Indices, any_of
 from ..mesh.topology import fans_between_creases, mean_over_nodes
+from ..native.bounds import Correction
 
 ROUNDING = 1e-12
 """By how much a sum of weights may miss one."""
@@ -188,6 +189,10 @@ class Closing:
         slope = np.einsum("nj,njd->dn", table[:, :-1], self._slopes[polynomial])
         # the parameter of the polynomials runs from -1 to 1
         return value, np.divide(2.0 * slope, total, out=np.zeros_like(slope), where=known)
+
+    def natively(self) -> Correction:
+        """The same as the compiled kernel takes it."""
+        return Correction(self.row, self.corners, self.edge, self.polynomials, *self._limits)
 
     def prepare(self) -> None:
         """Compute what is kept, before several threads ask for it."""

@@ -76,14 +76,15 @@ def crease_report(representation: Representation) -> dict[str, float]:
     opposed = starts[:, 0] != starts[:, 1]
     flat = face_normals(representation.vertices, triangles)[triangle].reshape(-1, 2, 3)
     dihedral = _between(flat, opposed)
-    turned = np.zeros(len(sides))
-    for share in AT_EDGE:
-        inside = np.zeros((sides.size, 3))
+    inside = np.zeros((len(AT_EDGE), sides.size, 3))
+    for own, share in zip(inside, AT_EDGE, strict=True):
         along = np.full(sides.shape, share)
         along[opposed, 1] = 1.0 - share
-        inside[each, corner], inside[each, (corner + 1) % 3] = 1.0 - along.ravel(), along.ravel()
-        normals = representation.normals(triangle, inside).reshape(-1, 2, 3)
-        turned += np.minimum(_between(normals, opposed), dihedral) / len(AT_EDGE)
+        own[each, corner], own[each, (corner + 1) % 3] = 1.0 - along.ravel(), along.ravel()
+    normals = representation.normals(np.tile(triangle, len(AT_EDGE)), inside.reshape(-1, 3))
+    turned = np.zeros(len(sides))
+    for own in normals.reshape(len(AT_EDGE), -1, 2, 3):
+        turned += np.minimum(_between(own, opposed), dihedral) / len(AT_EDGE)
     total = float(dihedral.sum())
     return {**found, "share_at_edge": float(turned.sum()) / total if total > 0.0 else 1.0}
 

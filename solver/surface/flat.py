@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Indices, largest_of, sum_of
+from ..arrays import Array, Indices, largest_of, rows_at, sum_of
 from ..errors import InputError
 
 SLACK = 1e-4
@@ -46,7 +46,7 @@ def flat_part(
         Triangles (N,) and barycentric coordinates (3, N).
     """
     sums = np.zeros((9 if tangents else 3, len(face)))
-    shows = np.flatnonzero(largest_of(weights)[face])
+    shows = np.flatnonzero(largest_of(rows_at(weights, face)))
     if not len(shows):
         return sums
     corners = vertices[triangles[face[shows]]].transpose(1, 2, 0)

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 
 from ..arrays import Array, Indices, largest_of, rows_at, rows_in_order, runs_of_rows
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
@@ -22,7 +23,7 @@ from .saved import Saved
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
 
-COVER_ALONE = "fans", "corners", "patch_of_triangle", "corner_weights", "input_weights"
+COVER_ALONE = "fans", "corners", "patch_of_triangle", "corner_weights", "input_weights", "holders"
 """What follows from triangles, patches and weights, not from positions or functions."""
 
 
@@ -105,7 +106,7 @@ class Representation(Saved):
 
     def prepare(self) -> None:
         """Compute what is kept for evaluating, before several threads ask for it."""
-        _ = self.dictionary, self.input_weights, self.native_functions, self.native_blend
+        _ = self.dictionary, self.input_weights, self.native_functions, self.native_blend, self.holders
         if len(self.creases):
             self.closing.prepare()
 
@@ -155,6 +156,17 @@ class Representation(Saved):
             holders = np.bincount(self.mesh_triangles, minlength=len(self.triangles))
             weights = (weights > 0.0) / holders[self.mesh_triangles, None]
         return weights
+
+    @cached_property
+    def holders(self) -> native.Holders:
+        """The patch triangles with weight over each mesh triangle."""
+        weighty = np.flatnonzero(largest_of(self.corner_weights) > 0.0)
+        offsets = np.searchsorted(weighty, self.triangle_offsets)
+        shape = self.patches, len(self.triangles)
+        by_patch = csr_array((weighty, self.mesh_triangles[weighty], offsets), shape=shape)
+        by_triangle = by_patch.tocsc()  # sorts by counting
+        numbers = (by_triangle.indptr, by_triangle.data, by_triangle.indices)
+        return native.Holders(*(own.astype(np.int64, copy=False) for own in numbers))
 
     @cached_property
     def _corner_table(self) -> tuple[Array, Array]:
@@ -303,18 +315,22 @@ class Representation(Saved):
         """
         face, inside = checked_places(face_index, barycentric, len(self.triangles))
         order = np.argsort(face, kind="stable")
+        face = face[order]
         inside = np.stack([column[order] for column in inside.T])
-        sums = flat_part(self.vertices, self.triangles, self.input_weights, face[order], inside, tangents)
-        runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
+        sums = flat_part(self.vertices, self.triangles, self.input_weights, face, inside, tangents)
         if self.native_functions is not None:
-            sums = native.with_patches(self.native_functions, self.native_blend, runs, inside, sums)
+            starts = np.flatnonzero(np.diff(face, prepend=-1))
+            where = face[starts], np.append(starts, len(face))
+            own = self.native_functions, self.native_blend, self.holders
+            sums = native.with_patches(*own, where, inside, sums)
         else:
+            runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
             for patch, points, triangle in self._portions(runs):
                 part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
                 for total, own in zip(sums, part, strict=True):
                     total[points] += own
         if closed and len(self.creases):
-            points, correction = self.closing.at(face[order], inside, tangents)
+            points, correction = self.closing.at(face, inside, tangents)
             sums[:, points] += correction
         result = np.empty((len(face), len(sums)))
         result[order] = sums.T

@@ -65,6 +65,10 @@ def two_patches(channels: int) -> surface.Blend:
     )
 
 
+HOLDERS = surface.Holders(starts=np.array([0, 1, 3]), held=np.array([0, 1, 2]), patch=np.array([0, 0, 1]))
+"""Of `two_patches`."""
+
+
 def blended(functions: surface.Functions, blend: surface.Blend, triangle: int, inside: Array) -> Array:
     total = np.zeros(3)
     for patch in range(2):
@@ -81,7 +85,8 @@ def test_the_surface_is_the_weighted_sum_of_its_patches(functions: surface.Funct
     blend = two_patches(functions.scales.shape[1])
     inside = np.random.default_rng(6).dirichlet([1.0, 1.0, 1.0], 900)
     triangle = np.repeat([0, 1], [400, 500])
-    points = surface.with_patches(functions, blend, np.array([0, 400, 900]), inside.T, np.ones((3, 900))).T
+    where = np.array([0, 1]), np.array([0, 400, 900])
+    points = surface.with_patches(functions, blend, HOLDERS, where, inside.T, np.ones((3, 900))).T
     expected = [1.0 + blended(functions, blend, *query) for query in zip(triangle, inside, strict=True)]
     np.testing.assert_allclose(points, expected, rtol=1e-11, atol=1e-11)
 
@@ -90,7 +95,8 @@ def test_the_surface_is_the_weighted_sum_of_its_patches(functions: surface.Funct
 def test_tangents_are_differences_of_points(functions: surface.Functions) -> None:
     blend, step = two_patches(functions.scales.shape[1]), 1e-6
     inside = np.random.default_rng(7).dirichlet([3.0, 3.0, 3.0], 40)
-    points = surface.with_patches(functions, blend, np.array([0, 0, 40]), inside.T, np.zeros((9, 40))).T
+    where = np.array([1]), np.array([0, 40])
+    points = surface.with_patches(functions, blend, HOLDERS, where, inside.T, np.zeros((9, 40))).T
     for k in (1, 2):
         along = step * (np.eye(3)[k] - np.eye(3)[0])
         ahead, behind = (

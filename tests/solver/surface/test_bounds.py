@@ -53,6 +53,14 @@ def test_the_error_lies_between_its_bounds(name: str, solver: str) -> None:
     assert lower <= 1.1 * largest + 1e-12
 
 
+@pytest.mark.parametrize("name", ["cut along creases", "open, borders pinned", "a domain for each coordinate"])
+def test_kernel_and_numpy_find_the_same_bounds_against_another_mesh(name: str) -> None:
+    surface = SURFACES[name]().representation
+    other = surface.vertices + np.random.default_rng(4).normal(scale=0.01, size=surface.vertices.shape)
+    native, numpy = (error_bounds(replace(surface, solver=solver), other) for solver in ("native", "numpy"))
+    assert native == pytest.approx(numpy, rel=1e-9)
+
+
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
 def test_no_point_exceeds_a_tolerance_where_that_is_excluded(share: float) -> None:
     surface = SURFACES["creases"]().representation

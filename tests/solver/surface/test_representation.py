@@ -110,6 +110,16 @@ def test_it_is_the_sum_over_the_patches(surface: Representation) -> None:
     np.testing.assert_allclose(surface.evaluate(face, inside), expected, rtol=0.0, atol=1e-11)
 
 
+def test_holders_are_the_patch_triangles_with_weight_over_each_triangle() -> None:
+    surface = representation("bow tie", "common")
+    starts, held, patch = surface.holders
+    for triangle in range(len(surface.triangles)):
+        over = np.flatnonzero(surface.mesh_triangles == triangle)
+        expected = [own for own in over if surface.weights[surface.corners[own]].max() > 0.0]
+        assert held[starts[triangle] : starts[triangle + 1]].tolist() == expected
+        assert patch[starts[triangle] : starts[triangle + 1]].tolist() == surface.patch_of_triangle[expected].tolist()
+
+
 def test_order_and_number_of_the_points_do_not_matter(surface: Representation) -> None:
     """More points in one patch than are evaluated together, in any order, one by one, twice the same."""
     rng = np.random.default_rng(1)
