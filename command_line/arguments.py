@@ -121,7 +121,8 @@ def _add_reconstruct(parser: argparse.ArgumentParser) -> Sequence[Settle]:
 
 
 def _add_evaluate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("representation", type=Path, metavar="REP.npz", help="what --representation wrote")
+    text = "what --representation wrote: a file, or the folder of a mesh in blocks"
+    parser.add_argument("representation", type=Path, metavar="REP.npz", help=text)
     _add_resample(parser, default=1)
     MESH.add_to(parser, required=True)
 

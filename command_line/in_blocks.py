@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..operators.data.report_text import one_line
-from ..operators.files.formats import ERROR_COLOURS, QUALITIES
-from ..operators.files.large import read_large, write_large
+from ..operators.files.formats import ERROR_COLOURS, ORDERS, QUALITIES
+from ..operators.files.large import LargeFile, read_large, write_large
 from ..solver.blocks.approximate_blocks import BLOCK_SIZE, approximate_blocks
+from ..solver.blocks.resampled import BlocksResampled, resample_blocks_steps
+from ..solver.blocks.surface import BlockSurface
 from ..solver.errors import SettingsError, WorkerError
+from ..solver.progress import run_to_end
 from .console import console
 from .outputs import write_json
 from .progress import progress_display
@@ -26,21 +29,24 @@ WHOLE = "--{} needs the mesh in one piece: leave --block-size, --cluster and --r
 
 
 def run(options: argparse.Namespace) -> None:
-    """Approximate the mesh of a file, and write what was asked for.
+    """Approximate the mesh of a file, or evaluate the folder of a job, and write what was asked for.
 
     Raises
     ------
     SparseSurfaceError
         When it cannot be read or worked on, or the cluster is lost.
     """
-    for name in ("heatmap", "domain_maps", "object", "resample"):
+    if options.command == "evaluate":
+        _evaluate(options)
+        return
+    for name in ("heatmap", "domain_maps", "object"):
         if getattr(options, name):
             raise SettingsError(WHOLE.format(name.replace("_", "-")))
-    for name, usual in (("quality", QUALITIES), ("error_colors", ERROR_COLOURS)):
+    for name, usual in (("quality", QUALITIES), ("error_colors", ERROR_COLOURS), ("vertex_order", ORDERS)):
         if getattr(options, name) != next(iter(usual)):
             raise SettingsError(WHOLE.format(name.replace("_", "-")))
-    if options.settings.mark_creases and options.resume is None:
-        raise SettingsError("The creases of blocks are written into the job's folder: name one with --resume.")
+    if options.settings.mark_creases and options.resume is None and options.representation is None:
+        raise SettingsError("Creases of blocks are written into a folder: name one with --resume or --representation.")
     source, name = read_large(options.input), options.input.stem
     with _cluster(options.cluster) as client, progress_display(name) as show:
         found = approximate_blocks(
@@ -52,7 +58,9 @@ def run(options: argparse.Namespace) -> None:
             executor=client,
             report=show,
         )
-    if options.output is not None:
+    if options.output is not None and options.resample:
+        _write_resampled(found.representation, options)
+    elif options.output is not None:
         values = {"error": found.error.astype(np.float32), "patch": found.patch}
         write_large(options.output, source, found.vertices, values)
     if options.report is not None:
@@ -62,6 +70,22 @@ def run(options: argparse.Namespace) -> None:
     console.say(one_line(name, found.report), name)
     console.detail(found.report)
     console.figures(found.report)
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    """Evaluate the folder of a finished job on its mesh with split edges, and write that mesh."""
+    name = options.representation.name
+    fine = _write_resampled(BlockSurface.load(options.representation), options)
+    console.say(f"{name}: {len(fine.vertices)} vertices, {len(fine.sizes)} faces", name)
+    console.figures({"vertices": len(fine.vertices), "faces": len(fine.sizes)})
+
+
+def _write_resampled(surface: BlockSurface, options: argparse.Namespace) -> BlocksResampled:
+    beside = options.output.absolute().parent
+    with progress_display(options.output.stem) as show:
+        fine = run_to_end(resample_blocks_steps(surface, options.resample, beside), show)
+    write_large(options.output, LargeFile(fine.vertices, fine.faces), fine.vertices, {})
+    return fine
 
 
 @contextlib.contextmanager

@@ -68,7 +68,8 @@ def _run(words: list[str]) -> int:
     console.json = options.json
     console.level = QUIET if options.quiet else VERBOSE if options.verbose else NORMAL
     module = options.command
-    if any(getattr(options, name, None) for name in BLOCKS):
+    folder = options.command == "evaluate" and options.representation.is_dir()
+    if folder or any(getattr(options, name, None) for name in BLOCKS):
         module = "in_blocks"
     elif find_spec("bpy") is None:
         if module not in WITHOUT_BLENDER:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.command_line.main import main
 from sparse_surface.operators.files.large import LargeFile, read_large, write_large
@@ -70,10 +71,29 @@ def test_a_job_in_blocks_writes_everything_and_goes_on(model: Path, tmp_path: Pa
     assert json.loads((tmp_path / "report.json").read_text())["input"]["blocks"] == 3
 
 
+def test_the_folder_of_a_job_is_evaluated(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["approximate", str(model), "--block-size", "600", *QUICK]
+    job = [*words, "--representation", str(tmp_path / "surface")]
+    assert main([*job, "--resample", "2", "-o", str(tmp_path / "one.ply")]) == 0
+    assert main(["evaluate", str(tmp_path / "surface"), "--resample", "2", "-o", str(tmp_path / "two.ply")]) == 0
+    assert (tmp_path / "one.ply").read_bytes() == (tmp_path / "two.ply").read_bytes()
+    fine, coarse = read_large(tmp_path / "two.ply"), read_large(model)
+    assert len(fine.faces) == 4 * len(coarse.faces)
+    surface = BlockSurface.load(tmp_path / "surface")
+    assert (fine.vertices[: len(coarse.vertices)] == surface.at_vertices()).all()
+    middles = surface.evaluate(np.arange(len(coarse.faces)), np.tile([0.5, 0.5, 0.0], (len(coarse.faces), 1)))
+    nearest = cKDTree(fine.vertices).query(middles)[0]
+    assert nearest.max() < 1e-6 * np.ptp(coarse.vertices)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model.ply", "one.ply", "surface", "two.ply"]
+    capsys.readouterr()
+    assert main(["evaluate", str(tmp_path), "-o", str(tmp_path / "none.ply")]) == 1
+    assert "it holds no finished job" in capsys.readouterr().err
+
+
 def test_what_cannot_be_is_one_sentence(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["approximate", str(model), "--block-size", "600", *QUICK]
-    assert main([*words, "--resample", "2"]) == 2
-    assert "--resample needs the mesh in one piece" in capsys.readouterr().err
+    assert main([*words, "--heatmap", str(tmp_path / "map.png")]) == 2
+    assert "--heatmap needs the mesh in one piece" in capsys.readouterr().err
     assert main([*words, "--quality", "compact"]) == 2
     assert "--quality needs the mesh in one piece" in capsys.readouterr().err
     (tmp_path / "full").mkdir()

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sparse_surface.solver import Settings, approximate_blocks
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 bpy_missing = subprocess.run([sys.executable, "-c", "import bpy"], capture_output=True).returncode != 0
@@ -61,6 +62,8 @@ def files(tmp_path: Path) -> Path:
     write_ply(tmp_path / "scan.ply", points + 1e-3 * np.random.default_rng(1).normal(size=points.shape), triangles)
     write_stl(tmp_path / "part.stl", points, triangles)
     write_ply(tmp_path / "points.ply", sheet(30)[0], none)
+    settings = Settings(ring=3, degree=4, sparsity=5, iterations=1, workers=1)
+    approximate_blocks(points, triangles, settings, block_size=100, folder=tmp_path / "surface")
     (tmp_path / "points.xyz").write_text("\n".join("{} {} {}".format(*point) for point in sheet(30)[0]) + "\n")
     return tmp_path
 

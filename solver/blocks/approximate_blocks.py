@@ -17,7 +17,7 @@ from ..approximation.welded import Welded, held_together
 from ..arrays import Array, Indices
 from ..errors import SettingsError
 from ..processes.memory import peak_memory_mb
-from ..progress import Progress, Steps, run_to_end, within
+from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
 from ..version import VERSION
 from .block_report import joined_report
@@ -158,9 +158,10 @@ def approximate_blocks_steps(
     sharp_edges: ArrayLike | None = None,
     executor: Any = None,
 ) -> Steps[BlockApproximation]:
-    """`approximate_blocks` as a generator of `Progress`; closing it cancels.
+    """`approximate_blocks` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early.
 
-    It does not end early on `FINISH`: what is done stays in the folder.
+    Blocks that worker processes or an executor have begun are then finished, and the others are fitted over their
+    initial domains, as patches are in one piece.  The same call with the same folder solves those as they should be.
     """
     settings, watch = Settings.given(settings).resolved(), Stopwatch()
     if block_size < 1:
@@ -178,7 +179,8 @@ def approximate_blocks_steps(
             keeper = tempfile.TemporaryDirectory(prefix="sparse_surface_")
             folder = keeper.name
         place = JobFolder.of(Path(folder), _job(given, settings, block_size, len(cut)))
-    if not place.is_there(REPORT):
+    if not place.is_there(REPORT) or place.report.get("ended_early"):
+        place.reopen()
         with Scratch(place.scratch) as scratch:
             yield from _solved(mesh, cut, place, scratch, settings, executor, watch)
         with Scratch(place.scratch) as scratch:
@@ -196,8 +198,8 @@ def _refuse_whole(settings: Settings) -> None:
 
 
 def _welded(given: LargeMesh, vertices: Any, faces: Any, settings: Settings) -> tuple[LargeMesh, Welded | None]:
-    """Hold vertices at one place together before the mesh is cut; arrays that lie in files are left as they are."""
-    if isinstance(vertices, np.memmap):
+    """Hold vertices at one place together before the mesh is cut; arrays in files only where a distance is given."""
+    if isinstance(vertices, np.memmap) and not settings.merge_distance:
         return given, None
     weights = given.weights
     welded = held_together(MeshInput(given.positions, faces, None, weights, sharp_edges=given.sharp_edges), settings)
@@ -236,27 +238,34 @@ def _solved(
         with watch.stage("cut"):
             own = with_noise_level(replace(own, merge_vertices=False), parts, cut, folder)
 
+    hurried: set[int] = set()
+    hurry = False
+
     def tasks() -> Iterator[BlockTask]:
         for number in missing:
             with watch.stage("cut"):
                 part = parts.part(number)
                 folder.keep_part(number, part)
-                task = parts.task(number, part, own, settings.ring)
+                task = parts.task(number, part, own, settings.ring, hurry)
                 scratch.rest()
+            if hurry:
+                hurried.add(number)
             yield task
 
     with engine_of(executor, settings.workers, len(missing)) as engine:
         done = len(cut) - len(missing)
         if engine.executor is None:
             for number, task in zip(missing, tasks(), strict=True):
-                folder.keep(number, (yield from _shown(solve_block_steps(task), done, len(cut))))
+                solved, early = yield from _shown(solve_block_steps(task), done, len(cut))
+                hurry = hurry or early
+                folder.keep(number, solved, hurry)
                 done += 1
             return
         for number, content in engine.run(tasks()):
             if content is not None:
-                folder.keep(number, content)
+                folder.keep(number, content, number in hurried)
                 done += 1
-            yield _solving(done, len(cut))
+            hurry = hurry or (yield _solving(done, len(cut))) == FINISH
 
 
 def _solving(done: int, blocks: int, inside: float = 0.0, detail: str = "") -> Progress:
@@ -265,16 +274,17 @@ def _solving(done: int, blocks: int, inside: float = 0.0, detail: str = "") -> P
     return Progress("Solving blocks", fraction, ", ".join(part for part in (text, detail) if part))
 
 
-def _shown(steps: Steps[bytes], done: int, blocks: int) -> Steps[bytes]:
-    """Show how one block goes; a request to end early is not passed on, as what is kept must be complete."""
+def _shown(steps: Steps[bytes], done: int, blocks: int) -> Steps[tuple[bytes, bool]]:
+    """Show how one block goes; returns its content, and whether `FINISH` was sent."""
+    request, early = None, False
     try:
         while True:
             try:
-                step = next(steps)
+                step = steps.send(request)
             except StopIteration as end:
-                content: bytes = end.value
-                return content
-            yield _solving(done, blocks, step.fraction, step.stage if blocks > 1 else step.detail)
+                return end.value, early
+            request = yield _solving(done, blocks, step.fraction, step.stage if blocks > 1 else step.detail)
+            early = early or request == FINISH
     finally:
         steps.close()
 

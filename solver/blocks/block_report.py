@@ -20,8 +20,8 @@ def joined_report(mesh: LargeMesh, found: Joined, error: Array, settings: Settin
     """Put the reports of several blocks together.
 
     The errors are those of the blended surface.  Its bound is the largest of the blocks', of which it is a mean, and so
-    is its largest jump.  Counts are summed: what lies in the halo of a block counts there too.  So are the seconds,
-    those of all processes together.
+    is its largest jump; where blocks were ended early there is no bound.  Counts are summed: what lies in the halo of a
+    block counts there too.  So are the seconds, those of all processes together.
 
     Parameters
     ----------
@@ -32,7 +32,8 @@ def joined_report(mesh: LargeMesh, found: Joined, error: Array, settings: Settin
     """
     reports = [report for report in found.reports if report]
     at_vertices, between, size = statistics(error), found.between.statistics(), longest_side(mesh)
-    bound = max(report["surface_error"]["bound"] for report in reports)
+    early = any(report.get("ended_early") for report in reports)
+    bound = {} if early else {"bound": max(between["max"], *(r["surface_error"]["bound"] for r in reports))}
     counts = {
         "vertices": len(mesh.positions),
         "faces": mesh.face_count,
@@ -53,7 +54,7 @@ def joined_report(mesh: LargeMesh, found: Joined, error: Array, settings: Settin
         vertices_reproduced=_total(reports, "vertices_reproduced"),
         faces_turned=found.turning.turned,
         vertex_error=at_vertices,
-        surface_error={**between, "bound": max(bound, between["max"])},
+        surface_error={**between, **bound},
         relative={
             "vertex_rms": at_vertices["rms"] / size,
             "vertex_max": at_vertices["max"] / size,
@@ -71,6 +72,7 @@ def joined_report(mesh: LargeMesh, found: Joined, error: Array, settings: Settin
         workers=settings.workers,
         denoise=_denoise(reports),
         creases=_creases(reports),
+        ended_early=True if early else None,
     ).as_dict()
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..arrays import Indices, row_positions
+from ..arrays import Indices, offsets_of, row_positions
 from ..settings import Settings
 from .large_mesh import ROWS_AT_ONCE, LargeMesh, narrow_type, parts_of
 from .scratch import Allocate, in_memory
@@ -96,6 +96,13 @@ class Part:
     corners: NDArray[np.int32]
     sizes: NDArray[np.int32] | int
 
+    @property
+    def offsets(self) -> Indices:
+        """Where each face's corners begin, (f + 1,)."""
+        if isinstance(self.sizes, int):
+            return np.arange(0, len(self.corners) + 1, self.sizes)
+        return offsets_of(self.sizes.astype(np.int64))
+
     def triangle_numbers(self, polygon: Indices) -> Indices:
         """Return the numbers of triangles in the mesh from the faces of the part that they lie in, ascending, (t,)."""
         rank = np.arange(len(polygon)) - np.searchsorted(polygon, polygon)
@@ -146,8 +153,8 @@ class Parts:
         self._seen[beside] = True
         return reached, beside
 
-    def task(self, number: int, part: Part, settings: Settings, reach: int) -> BlockTask:
-        """Return the task of solving a block."""
+    def task(self, number: int, part: Part, settings: Settings, reach: int, hurry: bool = False) -> BlockTask:
+        """Return the task of solving a block, as early as can be if there is a hurry."""
         mesh, sharp = self._mesh, self._mesh.sharp_edges
         if len(sharp):
             held = np.zeros(len(mesh.positions), dtype=bool)
@@ -165,6 +172,7 @@ class Parts:
             sharp,
             settings,
             reach,
+            hurry,
         )
 
 

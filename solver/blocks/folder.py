@@ -4,9 +4,11 @@ Every file appears when it is complete, so a job that was killed goes on from wh
 
     job.json          what the job is: a fingerprint of the mesh, the settings, the size of the blocks
     blocks/00000.npz  a solved block (see `content`); its presence says that the block is done
+    blocks/00000.hurried.npz  one that was ended early; the next run solves the block again
     noise.json        the noise level that all blocks remove, where it had to be estimated
     parts/00000.npy   the block's part: how many vertices and faces it has, their numbers, and the faces' corners
     scratch           arrays of a job that runs (see `scratch`)
+    triangle_blocks.npy, shared_triangles.npy   which blocks count in which triangles (see `triangle_index`)
     vertices.npy, error.npy, patch.npy, creases.npy, report.json
 """
 
@@ -86,13 +88,19 @@ class JobFolder:
         return (self.path / name).is_file()
 
     def is_done(self, number: int) -> bool:
-        """Whether a block is there."""
-        return self._block(number).is_file()
+        """Whether a block is there, and no hurried one."""
+        return self._done(number).is_file()
 
-    def keep(self, number: int, content: bytes) -> None:
-        """Keep a solved block."""
-        with atomic_output(self._block(number)) as draft:
+    def keep(self, number: int, content: bytes, hurried: bool) -> None:
+        """Keep a solved block; a hurried one stands in for the block only in this run."""
+        with atomic_output(self._hurried(number) if hurried else self._done(number)) as draft:
             draft.write_bytes(content)
+
+    def reopen(self) -> None:
+        """Forget the report of a run that was ended early, and the blocks that it hurried."""
+        (self.path / REPORT).unlink(missing_ok=True)
+        for path in (self.path / "blocks").glob("*.hurried.npz"):
+            path.unlink()
 
     def block(self, number: int) -> SolvedBlock:
         """Read a solved block.
@@ -162,5 +170,11 @@ class JobFolder:
             raise FileFormatError(f"'{self.path / name}' is damaged.") from None
         return values
 
-    def _block(self, number: int) -> Path:
+    def _done(self, number: int) -> Path:
         return self.path / "blocks" / f"{number:05}.npz"
+
+    def _hurried(self, number: int) -> Path:
+        return self.path / "blocks" / f"{number:05}.hurried.npz"
+
+    def _block(self, number: int) -> Path:
+        return self._done(number) if self.is_done(number) else self._hurried(number)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Booleans, Indices, length_of
+from ..arrays import Array, Booleans, Indices, any_of, length_of
 from ..mesh.edges import connected_parts
 from ..mesh.sampling import MEASURED_SAMPLES
 from ..progress import Progress, Steps
@@ -17,6 +17,7 @@ from .folder import JobFolder
 from .large_mesh import ROWS_AT_ONCE, LargeMesh, narrow_type, numbered_parts, parts_of
 from .scratch import Scratch
 from .spread import Spread
+from .triangle_index import IndexMaker
 from .turning import Turning
 
 
@@ -111,6 +112,7 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder, scratch: Scratch) -> St
         patch[first : first + len(part)] = -1
         scratch.rest()
     blended = sum(folder.blended(number) for number in range(len(cut)))
+    index = IndexMaker(mesh.triangle_count, scratch.array)
     inside = _Inside(mesh.triangle_count, blended, scratch)
     links, between, turning, reports = _Links(), Spread(), Turning(), []
     shared, creases = np.zeros(len(points), dtype=bool), [np.zeros((0, 2), dtype=np.int64)]
@@ -126,7 +128,9 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder, scratch: Scratch) -> St
         moved[vertices[some]] += share[some, None] * away
         shared[vertices[some]] = True
         links.add(vertices[some], solved.piece[some], int(solved.piece.max(initial=-1)) + 1)
-        inside.add(held.triangle_numbers(solved.polygon)[solved.blended], solved.parts)
+        numbers = held.triangle_numbers(solved.polygon)
+        inside.add(numbers[solved.blended], solved.parts)
+        index.add(number, numbers[any_of(share[solved.triangles] > 0.0)])
         between += solved.between
         turning = turning.plus(solved.turning)
         # where blocks see different ones beside their borders, that of the edge's first vertex is asked
@@ -140,6 +144,7 @@ def joined(mesh: LargeMesh, cut: Cut, folder: JobFolder, scratch: Scratch) -> St
         numbers = first + np.flatnonzero(part)
         points[numbers] = mesh.positions[numbers] + moved[numbers]
         scratch.rest()
+    index.save(folder)
     turning = turning.plus(_turned(mesh, points, shared))
     scratch.rest()
     marked = np.unique(np.concatenate(creases), axis=0)

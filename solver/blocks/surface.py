@@ -11,11 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
 from ..errors import InputError
+from ..progress import run_to_end
 from ..surface.flat import checked_places
 from .content import SolvedBlock
 from .folder import JobFolder
+from .resampled import BlocksResampled, resample_blocks_steps
+from .triangle_index import TriangleIndex
 
-BLOCKS_AT_ONCE = 2
+BLOCKS_AT_ONCE = 4
 """Blocks that stay in memory."""
 
 
@@ -29,13 +32,20 @@ class BlockSurface:
     ----------
     folder
         The job's folder, which holds the surface; it is read when it is needed.
+    blocks, triangles, corners
+        How many the mesh has; corners of faces.
+    index
+        Which blocks are to be read for which triangles.
     """
 
     def __init__(self, folder: JobFolder, keeper: object = None) -> None:
         """Open a finished job; `keeper` is what keeps its folder alive."""
         self.folder, self._keeper = folder, keeper
         self.blocks: int = folder.job["blocks"]
-        self.triangles: int = folder.report["input"]["triangles"]
+        counts = folder.report["input"]
+        self.triangles: int = counts["triangles"]
+        self.corners: int = counts["triangles"] + 2 * counts["faces"]
+        self.index = TriangleIndex.load(folder)
         self._held: dict[int, tuple[SolvedBlock, Indices]] = {}
 
     @classmethod
@@ -94,8 +104,8 @@ class BlockSurface:
         """
         face, inside = checked_places(face_index, barycentric, self.triangles)
         points = np.zeros((len(face), 3))
-        for number in range(self.blocks):
-            solved, numbers = self._read(number)
+        for number in map(int, self.index.blocks_of(face)):
+            solved, numbers = self.block(number)
             place = np.minimum(np.searchsorted(numbers, face), max(len(numbers) - 1, 0))
             here = np.flatnonzero(numbers[place] == face) if len(numbers) else np.zeros(0, dtype=np.int64)
             shares = solved.share[solved.surface.triangles[place[here]]]
@@ -106,8 +116,31 @@ class BlockSurface:
                 points[here] += share[:, None] * solved.surface.evaluate(place[here], inside[here])
         return points
 
-    def _read(self, number: int) -> tuple[SolvedBlock, Indices]:
-        """Return a block, and the numbers of its triangles in the mesh."""
+    def resample(self, splits: int, beside: Path | None = None) -> BlocksResampled:
+        """Evaluate the surface on its mesh with every edge split into N parts, without loading either.
+
+        Parameters
+        ----------
+        splits
+            N, the number of parts of every edge.  With 1 the input's faces stay as they are.
+        beside
+            Folder in which a temporary one holds the mesh; where None, the system's for such.
+
+        Returns
+        -------
+        BlocksResampled
+            `vertices` (P, 3), those of the input first, `corners` (L,), `sizes` (F,) and `faces`, in the order of the
+            blocks, mapped into memory.
+
+        Raises
+        ------
+        InputError
+            When `splits` is not positive, or the mesh would have more corners than 32 bits can count.
+        """
+        return run_to_end(resample_blocks_steps(self, splits, beside))
+
+    def block(self, number: int) -> tuple[SolvedBlock, Indices]:
+        """Return a solved block, and the numbers of its triangles in the mesh."""
         if number not in self._held:
             solved, part = self.folder.block(number), self.folder.part(number)
             while len(self._held) >= BLOCKS_AT_ONCE:

@@ -15,7 +15,7 @@ from ..mesh.edges import connected_parts
 from ..mesh.normals import triangle_areas
 from ..mesh.sampling import MEASURED_SAMPLES
 from ..mesh.triangulation import triangulate
-from ..progress import Steps, run_to_end
+from ..progress import FINISH, Steps, run_to_end
 from ..settings import Settings
 from ..surface.metrics import surface_error
 from ..surface.representation import Representation
@@ -48,6 +48,8 @@ class BlockTask:
         Resolved settings.
     reach
         How many steps the block counts beyond its own vertices.
+    hurry
+        Whether it is to end as early as it can, as after `FINISH`.
     """
 
     number: int
@@ -60,6 +62,7 @@ class BlockTask:
     sharp_edges: Indices
     settings: Settings
     reach: int
+    hurry: bool = False
 
     @property
     def offsets(self) -> Indices:
@@ -82,7 +85,7 @@ def solve_block(task: BlockTask) -> bytes:
 
 
 def solve_block_steps(task: BlockTask) -> Steps[bytes]:
-    """`solve_block` as a generator of `Progress`; closing it cancels."""
+    """`solve_block` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
     offsets = task.offsets
     share = shares_of(task.number, task.blocks, task.corners, offsets, task.reach)
     settings, weights = task.settings, task.weights
@@ -93,10 +96,25 @@ def solve_block_steps(task: BlockTask) -> Steps[bytes]:
     triangles = triangulate(points, task.corners.astype(np.int64), offsets)
     if not task.whole and not triangle_areas(points, triangles[0]).any():
         return _without_surface(task, share, triangles).to_bytes()
-    found = yield from approximate_steps(
+    steps = approximate_steps(
         task.positions, task.faces, settings, triangles=triangles, weights=weights, sharp_edges=task.sharp_edges
     )
+    found = (yield from _hurried(steps)) if task.hurry else (yield from steps)
     return _solved(task, share, triangles[0], found).to_bytes()
+
+
+def _hurried(steps: Steps[Approximation]) -> Steps[Approximation]:
+    """Relay a computation that is asked to end early from its beginning."""
+    try:
+        step = next(steps)
+        while True:
+            yield step
+            step = steps.send(FINISH)
+    except StopIteration as end:
+        found: Approximation = end.value
+        return found
+    finally:
+        steps.close()
 
 
 def _solved(task: BlockTask, share: Array, triangles: Indices, found: Approximation) -> SolvedBlock:

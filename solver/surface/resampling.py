@@ -185,20 +185,10 @@ def resample(representation: Representation, splits: int) -> Resampled:
 
 def resample_steps(representation: Representation, splits: int) -> Steps[Resampled]:
     """`resample` as a generator of `Progress`; closing it cancels."""
-    try:
-        splits = index(splits)
-    except TypeError:
-        raise InputError(f"Edges are split into a whole number of parts, not {splits!r}.") from None
-    if splits < 1:
-        raise InputError("Edges can be split into 1 part or more, not fewer.")
-    corners = len(representation.face_corners) * splits**2
-    if corners > MOST_CORNERS:
-        raise InputError(
-            f"The resampled mesh would have about {corners:.2g} face corners; split the edges into fewer parts."
-        )
+    splits = checked_splits(splits, len(representation.face_corners))
     yield Progress("Splitting edges", 0.0)
     grid, edges, chains, count = subdivided(representation, splits)
-    sample = _vertex_samples(grid, count)
+    sample = vertex_samples(grid, count)
     points = yield from _points(representation, grid, sample)
     return Resampled(
         vertices=points,
@@ -221,7 +211,29 @@ def _on_creases(source: Representation, edges: Indices, chains: Indices) -> Indi
     return np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2)
 
 
-def _vertex_samples(grid: Grid, count: int) -> Indices:
+def checked_splits(splits: int, corners: int) -> int:
+    """Return the number of parts that the edges of a mesh with so many face corners can be split into.
+
+    Raises
+    ------
+    InputError
+        When it is not positive, or the mesh would have more corners than 32 bits can count.
+    """
+    try:
+        splits = index(splits)
+    except TypeError:
+        raise InputError(f"Edges are split into a whole number of parts, not {splits!r}.") from None
+    if splits < 1:
+        raise InputError("Edges can be split into 1 part or more, not fewer.")
+    count = corners * splits**2
+    if count > MOST_CORNERS:
+        raise InputError(
+            f"The resampled mesh would have about {count:.2g} face corners; split the edges into fewer parts."
+        )
+    return splits
+
+
+def vertex_samples(grid: Grid, count: int) -> Indices:
     """First sample of each vertex, (P,); -1 at vertices without faces."""
     first = np.full(count, -1)
     first[grid.vertex[::-1]] = np.arange(len(grid.vertex))[::-1]

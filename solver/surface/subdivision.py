@@ -6,13 +6,38 @@ polygons are split triangle by triangle.  Neighbours share the new vertices of t
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from ..arrays import Array, Indices, offsets_of, row_positions
 from ..mesh.edges import edge_keys
-from .representation import Representation
+
+
+class Polygons(Protocol):
+    """The faces of a mesh and their triangles, as a `Representation` has them."""
+
+    @property
+    def vertices(self) -> Sized:
+        """One row for each vertex."""
+
+    @property
+    def face_offsets(self) -> Indices:
+        """Where each face's corners begin, (F + 1,)."""
+
+    @property
+    def face_corners(self) -> Indices:
+        """Vertices of the faces, one face after the other."""
+
+    @property
+    def triangles(self) -> Indices:
+        """Corners of the triangles, (T, 3)."""
+
+    @property
+    def polygon(self) -> Indices:
+        """The face that each triangle lies in, (T,)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +62,7 @@ class _Cells:
     place: Indices
 
 
-def _cells_of(source: Representation, splits: int) -> tuple[_Cells, _Cells, Indices]:
+def _cells_of(source: Polygons, splits: int) -> tuple[_Cells, _Cells, Indices]:
     """Quads, triangles of all other faces, and the faces that stay in one piece."""
     count = len(source.face_offsets) - 1
     sizes = np.diff(source.face_offsets)
@@ -53,7 +78,7 @@ def _cells_of(source: Representation, splits: int) -> tuple[_Cells, _Cells, Indi
     return quads, _Cells(source.polygon[free], source.triangles[free], free[:, None], place), np.flatnonzero(whole)
 
 
-def _quads_of(source: Representation, face: Indices) -> _Cells:
+def _quads_of(source: Polygons, face: Indices) -> _Cells:
     """Those of the faces, all with four corners and two triangles, whose triangles lie on both sides of a diagonal."""
     corners = source.face_corners[source.face_offsets[face][:, None] + np.arange(4)]
     order = np.argsort(source.polygon, kind="stable")
@@ -88,7 +113,7 @@ class _Edges:
     of_triangles: Indices
 
 
-def _edges_of(source: Representation, quads: _Cells, triangles: _Cells, whole: Indices) -> _Edges:
+def _edges_of(source: Polygons, quads: _Cells, triangles: _Cells, whole: Indices) -> _Edges:
     """Number the edges.
 
     A diagonal may join the same two vertices as an edge elsewhere, and still be another curve: it gets its own number.
@@ -113,7 +138,7 @@ def _edges_of(source: Representation, quads: _Cells, triangles: _Cells, whole: I
     )
 
 
-def _next_corner(source: Representation) -> Indices:
+def _next_corner(source: Polygons) -> Indices:
     """Vertex of the corner that follows each face corner."""
     following = np.arange(1, len(source.face_corners) + 1)
     filled = np.diff(source.face_offsets) > 0
@@ -251,7 +276,7 @@ def _in_quads(cells: _Cells, pattern: _Pattern, n: int) -> tuple[Indices, Array]
     return cells.triangles[row, half], inside
 
 
-def _whole_faces(source: Representation, faces: Indices) -> Grid:
+def _whole_faces(source: Polygons, faces: Indices) -> Grid:
     """Faces as they are, with a sample at each corner."""
     rows, offsets = row_positions(source.face_offsets, faces)
     vertex = source.face_corners[rows]
@@ -262,7 +287,7 @@ def _whole_faces(source: Representation, faces: Indices) -> Grid:
     return Grid(at // 3, np.eye(3)[at % 3], vertex, np.arange(len(rows)), sizes, faces)
 
 
-def subdivided(source: Representation, splits: int) -> tuple[Grid, Indices, Indices, int]:
+def subdivided(source: Polygons, splits: int) -> tuple[Grid, Indices, Indices, int]:
     """The joined grid, the source's edges, the vertices on each of them, and the number of vertices."""
     quads, triangles, whole = _cells_of(source, splits)
     edges = _edges_of(source, quads, triangles, whole)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import (
+    FINISH,
     BlockSurface,
     FileFormatError,
     InputError,
@@ -219,6 +220,46 @@ def test_a_lost_engine_is_one_sentence_and_no_block_is_solved_twice(terrain, cut
     found = approximate_blocks(*terrain, Settings(**FAST), executor=rest, **call)
     assert sorted(lost.numbers + rest.numbers) == [0, 1, 2, 3]
     assert same(cut, found)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_finishing_now_gives_the_whole_surface_and_the_next_call_what_is_missing(
+    terrain, cut, tmp_path, workers
+) -> None:
+    settings = Settings(**{**FAST, "workers": workers})
+    call = {"block_size": 800, "folder": tmp_path / "job"}
+
+    def finish(step) -> str | None:
+        return FINISH if step.stage == "Solving blocks" and step.detail.startswith("1 of 4") else None
+
+    early = approximate_blocks(*terrain, settings, report=finish, **call)
+    assert early.report["ended_early"]
+    assert "bound" not in early.report["surface_error"]
+    assert early.report["passed_through_vertices"] == 0
+    # over initial domains, without sweeps: not as close, but a surface everywhere
+    assert cut.report["surface_error"]["rms"] < early.report["surface_error"]["rms"]
+    assert early.report["surface_error"]["rms"] < 3.0 * cut.report["surface_error"]["rms"]
+    points = early.representation.evaluate(*places(terrain[1]))
+    assert np.isfinite(points).all()
+    blocks = tmp_path / "job" / "blocks"
+    done = {path: path.stat().st_mtime_ns for path in blocks.iterdir() if "hurried" not in path.name}
+    assert 1 <= len(done) < 4
+    assert len(list(blocks.iterdir())) == 4
+    again = approximate_blocks(*terrain, settings, **call)
+    assert "ended_early" not in again.report
+    assert same(cut, again)
+    assert all(path.stat().st_mtime_ns == when for path, when in done.items())
+
+
+def test_finishing_now_ends_a_mesh_of_one_block_as_in_one_piece(terrain) -> None:
+    def finish(step) -> str:
+        return FINISH
+
+    block = approximate_blocks(*terrain, Settings(**FAST), report=finish)
+    whole = approximate(*terrain, Settings(**FAST), report=finish)
+    assert whole.report["ended_early"]
+    assert block.report["ended_early"]
+    assert block.vertices.tobytes() == whole.vertices.tobytes()
 
 
 def test_another_job_is_refused_and_left_as_it_is(terrain, tmp_path) -> None:
