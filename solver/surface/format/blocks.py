@@ -29,6 +29,10 @@ LITERALS: tuple[Coding, ...] = ((0, 0, 0), (3, 0, 0), (0, 2, 2))
 """What the literals' contexts may be: nothing, the byte before, or the place modulo four; the smallest is taken."""
 
 
+CHUNK = 1 << 16
+"""Most bytes of a chunk of LZMA2 that holds them as they are."""
+
+
 def _filters(coding: Coding, size: int) -> list[dict[str, int]]:
     lc, lp, pb = coding
     dictionary = min(max(size, 4096), 1 << 24)  # known from the size, so that no file can ask for more
@@ -49,10 +53,26 @@ def _numbers(planes: NDArray[np.uint8]) -> Indices:
     return (folded >> np.uint64(1)).astype(np.int64) ^ -(folded & np.uint64(1)).astype(np.int64)
 
 
-class BlockWriter:
-    """Collects blocks under names."""
+def _as_it_is(content: bytes) -> bytes:
+    """Return a stream of LZMA2 that holds bytes in chunks that are not compressed; the first resets the dictionary."""
+    parts = []
+    for start in range(0, len(content), CHUNK):
+        piece = content[start : start + CHUNK]
+        parts += [b"\x02" if start else b"\x01", (len(piece) - 1).to_bytes(2, "big"), piece]
+    return b"".join([*parts, b"\x00"])
 
-    def __init__(self) -> None:
+
+class BlockWriter:
+    """Collects blocks under names.
+
+    Parameters
+    ----------
+    quick
+        Whether to leave the bytes as they are, in the same format: takes no time.
+    """
+
+    def __init__(self, quick: bool = False) -> None:
+        self._quick = quick
         self._table: dict[str, list[Any]] = {}
         self._parts: list[bytes] = []
 
@@ -84,7 +104,10 @@ class BlockWriter:
 
     def _add(self, name: str, kind: int | str, planes: NDArray[np.uint8]) -> None:
         content = np.ascontiguousarray(planes).tobytes()
-        packed = [lzma.compress(content, lzma.FORMAT_RAW, filters=_filters(c, len(content))) for c in LITERALS]
+        if self._quick:
+            packed = [_as_it_is(content)]
+        else:
+            packed = [lzma.compress(content, lzma.FORMAT_RAW, filters=_filters(c, len(content))) for c in LITERALS]
         best = min(range(len(packed)), key=lambda k: len(packed[k]))
         self._table[name] = [kind, planes.shape[1], best, len(packed[best])]
         self._parts.append(packed[best])

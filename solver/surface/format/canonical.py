@@ -57,6 +57,8 @@ class Quality:
         Step of vertices that patches cover, and of those where the input shows; 0: to the last bit.
     error
         Largest permitted move of the surface.
+    quick
+        Whether little time is spent on making the bytes fewer.
     """
 
     domains: float
@@ -65,12 +67,14 @@ class Quality:
     vertices: float
     shown: float
     error: float
+    quick: bool = False
 
 
 EXACT = Quality(domains=2e-7, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
 COMPACT = Quality(domains=1.1e-5, share=1 / 32, functions=4e-6, vertices=5e-5, shown=1e-5, error=9e-6)
 PLAIN = Quality(domains=0.0, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=5e-7)
-QUALITIES = {"exact": EXACT, "compact": COMPACT, "plain": PLAIN}
+DRAFT = Quality(domains=0.0, share=1.0, functions=0.0, vertices=0.0, shown=0.0, error=0.0, quick=True)
+QUALITIES = {"exact": EXACT, "compact": COMPACT, "plain": PLAIN, "draft": DRAFT}
 
 
 @dataclass(frozen=True)

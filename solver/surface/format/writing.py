@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,13 +28,19 @@ INSIDE = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
 """Places in a triangle where the move is measured, besides its corners."""
 
 ATTEMPTS, MOST_FINER = 20, 0.05
-"""Roundings that are tried, and the share of vertices that may get finer steps."""
+"""Roundings of functions that are tried, and the share of vertices that may get finer steps."""
+
+DOMAIN_ATTEMPTS = 10
+"""Roundings of domains that are tried with the same functions."""
 
 SMALLER, LITTLE_SMALLER = 0.84, 0.94
 """By how much steps of functions, and of domains, differ from one attempt to the next, at first."""
 
-FUNCTIONS_SHARE = 0.85
-"""How much of the permitted move rounded functions may make alone, before the domains are rounded."""
+FUNCTIONS_SHARES = (0.85, 0.6)
+"""How much of the permitted move rounded functions may make alone, before the domains are rounded.
+
+The second is for a surface that the first leaves too far away in some place, however finely its domains are rounded.
+"""
 
 SCALE_BITS = 8
 """Bits of the patches' scales; coefficients follow them."""
@@ -50,7 +57,7 @@ class Written:
 
 def write(surface: Any, quality: Quality) -> Written:
     """Write a representation with the given quality."""
-    blocks, own = BlockWriter(), Canonical.of(surface)
+    blocks, own = BlockWriter(quality.quick), Canonical.of(surface)
     cover = own.cover
     side = float(np.ptp(surface.vertices, axis=0).max()) or 1.0
     _write_mesh(blocks, surface, own, not quality.domains)
@@ -58,8 +65,7 @@ def write(surface: Any, quality: Quality) -> Written:
     weights = surface.weights[own.rows]
     _write_weights(blocks, surface, own, weights)
     positions = _write_positions(blocks, surface, quality, side)
-    functions = _write_functions(blocks, surface, cover, positions[own.node_vertex[cover.nodes]], quality, side)
-    moved = DomainWriting(surface, own, positions, centres, functions, side).write(blocks, quality)
+    moved = SurfaceWriting(surface, own, positions, centres, side).write(blocks, quality)
     blocks_of_energy(blocks, surface.energy, bool(quality.functions))
     if not surface.initial:
         blocks.real("initial_domains", surface.initial_domains[:, own.rows].astype(np.float32))
@@ -171,30 +177,6 @@ def _rounded_positions(blocks: BlockWriter, surface: Fields, quality: Quality, s
     return positions
 
 
-def _write_functions(
-    blocks: BlockWriter, surface: Any, cover: Cover, positions: Array, quality: Quality, side: float
-) -> dict[str, Any]:
-    """Add frames and functions; return them as they will be read.
-
-    Steps are made smaller until rounding alone moves the surface by less than is permitted.  Most of that is made up
-    for when the domains are rounded.
-    """
-    step, before = quality.functions * side, surface.at_vertices()
-    with contextlib.suppress(TooLargeError):
-        for attempt in range(ATTEMPTS if step else 0):
-            draft = BlockWriter()
-            found = _rounded_functions(draft, surface, mean_positions(cover, positions), step)
-            if np.abs(replace(surface, **found).at_vertices() - before).max() <= FUNCTIONS_SHARE * quality.error * side:
-                blocks.take(draft)
-                return found
-            step *= SMALLER if attempt < ATTEMPTS // 4 else SMALLER**4
-    names = ("origins", "scales", "support", "coefficients")
-    for name in names:
-        add = blocks.whole if name == "support" else blocks.real
-        add(f"exact_{name}", getattr(surface, name))
-    return {name: getattr(surface, name) for name in names}
-
-
 def _rounded_functions(blocks: BlockWriter, surface: Fields, mean: Array, step: float) -> dict[str, Any]:
     number = whole_numbers((surface.origins - mean) / step)
     fraction, exponent = np.frexp(surface.scales)
@@ -224,43 +206,72 @@ def _rounded_functions(blocks: BlockWriter, surface: Fields, mean: Array, step: 
 
 
 @dataclass
-class DomainWriting:
-    """The domains of a representation, rounded in such a way that its surface hardly moves."""
+class SurfaceWriting:
+    """The functions and domains of a representation, rounded in such a way that its surface hardly moves."""
 
     surface: Any
     own: Canonical
     positions: Array
     centres: Indices
-    functions: dict[str, Any]
     side: float
+    functions: dict[str, Any] = field(default_factory=dict)
 
     def write(self, blocks: BlockWriter, quality: Quality) -> float:
-        """Add the domains; return how far the surface will have moved.
+        """Add frames, functions and domains; return how far the surface will have moved."""
+        shares = FUNCTIONS_SHARES if quality.functions and quality.domains else FUNCTIONS_SHARES[:1]
+        for share in shares:
+            draft = BlockWriter(quality.quick)
+            self.functions = self._write_functions(draft, quality, share)
+            with contextlib.suppress(TooLargeError):
+                moved = self._stepped(draft, quality) if quality.domains else None
+                if moved is not None:
+                    break
+        else:
+            moved = self._plain(draft, quality.error)
+        blocks.take(draft)
+        return moved
+
+    def _write_functions(self, blocks: BlockWriter, quality: Quality, share: float) -> dict[str, Any]:
+        """Add frames and functions; return them as they will be read.
+
+        Steps are made smaller until rounding alone moves the surface by less than is permitted.  Most of that is made
+        up for when the domains are rounded.
+        """
+        step, cover = quality.functions * self.side, self.own.cover
+        mean = mean_positions(cover, self.positions[self.own.node_vertex[cover.nodes]])
+        with contextlib.suppress(TooLargeError):
+            for attempt in range(ATTEMPTS if step else 0):
+                draft = BlockWriter()
+                found = _rounded_functions(draft, self.surface, mean, step)
+                if self._moved(replace(self.surface, **found)).max(initial=0.0) <= share * quality.error:
+                    blocks.take(draft)
+                    return found
+                step *= SMALLER if attempt < ATTEMPTS // 4 else SMALLER**4
+        names = ("origins", "scales", "support", "coefficients")
+        for name in names:
+            add = blocks.whole if name == "support" else blocks.real
+            add(f"exact_{name}", getattr(self.surface, name))
+        return {name: getattr(self.surface, name) for name in names}
+
+    def _stepped(self, blocks: BlockWriter, quality: Quality) -> float | None:
+        """Add rounded domains; return how far the surface will have moved, or None where it moves too far.
 
         Vertices that would move too far get finer steps; where these are many, all do.
         """
-        with contextlib.suppress(TooLargeError):
-            if quality.domains:
-                return self._stepped(blocks, quality)
-        return self._plain(blocks, quality.error)
-
-    def _stepped(self, blocks: BlockWriter, quality: Quality) -> float:
         step, finer = quality.domains * self.side, np.zeros(len(self.surface.vertices), dtype=bool)
-        places = self._places()
-        before = self._points(self.surface, places)
-        for attempt in range(ATTEMPTS):
+        for attempt in range(DOMAIN_ATTEMPTS):
             domains, writers = self._rounded((step, quality.share), finer, bool(quality.functions))
-            moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
+            moved = self._moved(self._surface_with(domains))
             far = self._vertices_at(moved > quality.error)
             if not far.any():
                 break
             if np.count_nonzero(far & ~finer) > MOST_FINER * len(finer) or (far & finer).any():
-                smaller = LITTLE_SMALLER if attempt < ATTEMPTS // 4 else SMALLER**2
+                smaller = LITTLE_SMALLER if attempt < DOMAIN_ATTEMPTS // 2 else SMALLER**2
                 step, finer = smaller * step, np.zeros_like(finer)
             else:
                 finer |= far
         else:
-            return self._plain(blocks, quality.error)
+            return None
         blocks.real("domain_step", np.array([step, quality.share]))
         _write_set(blocks, "finer", np.flatnonzero(finer))
         for channel, writer in enumerate(writers):
@@ -269,14 +280,13 @@ class DomainWriting:
 
     def _plain(self, blocks: BlockWriter, error: float) -> float:
         """Add the domains as they are, in single precision where that moves the surface little enough."""
-        given, places = self.surface.domains[:, self.own.rows], self._places()
-        before = self._points(self.surface, places)
-        for domains in (given.astype(np.float32).astype(np.float64), given):
-            moved = np.linalg.norm(self._points(self._surface_with(domains), places) - before, axis=1) / self.side
-            if moved.max(initial=0.0) <= error:
-                break
+        domains = self.surface.domains[:, self.own.rows]
+        single, moved = domains.astype(np.float32).astype(np.float64), 0.0
+        if error > 0.0:
+            moved = float(self._moved(self._surface_with(single)).max(initial=0.0))
+            domains, moved = (single, moved) if moved <= error else (domains, 0.0)
         blocks.real("exact_domains", domains)
-        return float(moved.max(initial=0.0))
+        return moved
 
     def _rounded(self, step: tuple[float, float], finer: Booleans, balanced: bool) -> tuple[Array, list[NumberWriter]]:
         cover, vertices = self.own.cover, self.own.node_vertex[self.own.cover.nodes]
@@ -309,13 +319,19 @@ class DomainWriting:
         back[self.own.rows] = np.arange(len(back))
         return replace(self.surface, **self.functions, domains=domains[:, back])
 
-    def _places(self) -> tuple[Indices, Array]:
-        """Places where the move is measured, besides the vertices: some in every triangle."""
-        triangles = len(self.surface.triangles)
-        return np.repeat(np.arange(triangles), len(INSIDE)), np.tile(INSIDE, (triangles, 1))
+    def _moved(self, surface: Any) -> Array:
+        """How far a surface lies from the given one, longest sides: at the vertices and in every triangle."""
+        moved: Array = np.linalg.norm(self._points(surface) - self._before, axis=1) / self.side
+        return moved
 
-    def _points(self, surface: Any, places: tuple[Indices, Array]) -> Array:
-        return np.concatenate([surface.at_vertices(), surface.evaluate(*places)])
+    @cached_property
+    def _before(self) -> Array:
+        return self._points(self.surface)
+
+    def _points(self, surface: Any) -> Array:
+        triangles = len(self.surface.triangles)
+        inside = surface.evaluate(np.repeat(np.arange(triangles), len(INSIDE)), np.tile(INSIDE, (triangles, 1)))
+        return np.concatenate([surface.at_vertices(), inside])
 
     def _vertices_at(self, far: Booleans) -> Booleans:
         """Tell which vertices, (V,), have moved too far or are corners of triangles that have in some place."""
