@@ -24,7 +24,7 @@ from ..solver.mesh.input_checks import checked_faces, checked_vertices
 from ..solver.progress import run_to_end
 from .arguments import PROGRAM
 from .console import console
-from .outputs import Made, asked_for, write_outputs
+from .outputs import Made, asked_for, keeps_functions, write_outputs
 from .progress import LastSurface, progress_display
 
 UNMEASURED = "{}: There is not enough memory to measure the surface; '{}' has it, with nothing known of its errors."
@@ -138,7 +138,7 @@ def _approximated(options: argparse.Namespace, together: Sequence[Object], solve
     console.detail(report)
     made = []
     for each, read, (own, part) in zip(together, reads, parts, strict=True):
-        result = create_result(bpy.context, read, own, scale, whole=whole)
+        result = create_result(bpy.context, read, own, scale, keeps_functions=whole and keeps_functions(options))
         if options.domain_maps:
             write_domain_maps(result)
         kept = report, outcome.representation, options.resample

@@ -48,6 +48,12 @@ class Made:
     part: Any = None
 
 
+def keeps_functions(options: argparse.Namespace) -> bool:
+    """Whether objects need the functions of their surfaces: to be saved with them, or for what is made of them."""
+    blend = options.output is not None and options.output.suffix.lower() == ".blend"
+    return bool(blend or options.resample or options.domain_maps)
+
+
 def asked_for(options: argparse.Namespace) -> dict[str, Any]:
     """Return what was asked for of files, as fields of `Made`."""
     return {
@@ -152,6 +158,7 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     import bpy
 
     from ..operators.files.meshes import write_meshes
+    from ..operators.representation.compacting import compact_drafts
     from ..operators.representation.resampled import resample_object, resample_parts
 
     fine = []
@@ -166,6 +173,8 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     # A scene holds both; what distances were measured to is no source.
     models = [each.source for each in made if each.measured is None and path.suffix != ".blend"]
     source = made[0].input if models and not fine else None
+    if path.suffix.lower() == ".blend":
+        compact_drafts()
     write_meshes(path, written, made[0].error_colours, models, source)
 
 

@@ -21,7 +21,7 @@ from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
 from ..solver.surface.representation import Representation
 from .console import console
-from .outputs import Made, asked_for, write_outputs
+from .outputs import Made, asked_for, keeps_functions, write_outputs
 from .progress import progress_display
 
 
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     with progress_display(points.name) as show:
         outcome = run_to_end(reconstruct_arrays(source.arrays, options.settings), show)
     scale = ColourScale(0.0, float(outcome.point_error.max(initial=0.0)))
-    surface = create_surface(bpy.context, source, outcome, scale)
+    surface = create_surface(bpy.context, source, outcome, scale, keeps_functions=keeps_functions(options))
     if options.domain_maps:
         write_domain_maps(surface)
     console.say(one_line(points.name, outcome.report), points.name)

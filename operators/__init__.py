@@ -43,7 +43,7 @@ OPERATORS = (
 
 WATCHERS = (
     "data.origins", "run.session", "run.watch", "run.preloading", "preview.object", "heat_map.shown",
-    "heat_map.following", "heat_map.readings", "heat_map.asset_library",
+    "heat_map.following", "heat_map.readings", "heat_map.asset_library", "representation.compacting",
 )  # fmt: skip
 """Modules with handlers for what happens in Blender."""
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import bpy
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import BoolProperty, StringProperty
-from bpy.types import Context, Event, Operator
+from bpy.types import Context, Event, Object, Operator
 
 from ..solver.atomic_files import atomic_output
 from .data.result_keys import REPRESENTATION
+from .representation.compacting import compact_drafts
 from .run.poll import needs, representation
 
 
@@ -44,9 +45,14 @@ class SPARSE_SURFACE_OT_export_representation(Operator):
         path = Path(bpy.path.abspath(bpy.path.ensure_ext(self.filepath, ".npz")))
         try:
             with atomic_output(path) as draft:
-                draft.write_bytes(context.active_object[REPRESENTATION])
+                draft.write_bytes(_compact(context.active_object))
         except OSError as error:
             self.report({"ERROR"}, rpt_("'{}' cannot be written: {}.").format(path, error.strerror or error))
             return {"CANCELLED"}
         self.report({"INFO"}, rpt_("Saved '{}'").format(path.name))
         return {"FINISHED"}
+
+
+def _compact(holder: Object) -> bytes:
+    compact_drafts([holder])
+    return bytes(holder[REPRESENTATION])

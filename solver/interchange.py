@@ -163,22 +163,22 @@ class StoredRepresentation:
 
     Parameters
     ----------
-    compact
-        What `Representation.compact` gave.
+    draft
+        What `Representation.draft` gave.
     """
 
-    def __init__(self, compact: bytes | memoryview) -> None:
+    def __init__(self, draft: bytes | memoryview) -> None:
         # In pieces, since `bytes` keeps every other thread waiting until it has copied the whole; `join` does not.
-        self.compact = b"".join([bytes(compact[start : start + _PIECE]) for start in range(0, len(compact), _PIECE)])
+        self.draft = b"".join([bytes(draft[start : start + _PIECE]) for start in range(0, len(draft), _PIECE)])
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[pickle.PickleBuffer]]:
-        return StoredRepresentation, (pickle.PickleBuffer(self.compact),)
+        return StoredRepresentation, (pickle.PickleBuffer(self.draft),)
 
     @cached_property
     def _opened(self) -> Representation:
         from .surface.representation import Representation  # SciPy
 
-        return Representation.from_bytes(self.compact)
+        return Representation.from_bytes(self.draft)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):  # asked for by `copy` and `pickle`

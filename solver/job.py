@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -61,15 +61,31 @@ def solve_arrays(arrays: Task, settings: Any) -> Steps[Any]:
 def solve_and_store(arrays: Task, settings: Any) -> Steps[Any]:
     """Do `solve_arrays`; a surface's representation travels to another process as the content of a file.
 
-    A compact one takes twice as long to make as an exact one: who ended the run early does not wait for it.
+    It is a draft: a compact file takes three times as long to make as the surface itself, and nobody waits for it.
     """
     result = yield from solve_arrays(arrays, settings)
     if isinstance(arrays, SurfacePair):
         return result
-    representation = result.representation
-    early = result.report.get("ended_early")
-    stored: Any = StoredRepresentation(representation.stored if early else representation.compact)
+    stored: Any = StoredRepresentation(result.representation.draft)
     return replace(result, representation=stored)
+
+
+def compacted(draft: bytes) -> bytes:
+    """Return the content of a compact file for that of a draft; the same bytes in whatever process."""
+    from .surface.representation import Representation
+
+    return Representation.from_bytes(draft).compact
+
+
+def begin_compacting(drafts: Sequence[bytes], python: Sequence[str] = ()) -> tuple[Executor, list[Future[bytes]]]:
+    """Do `compacted` for each in one child, which gives way to other programs and ends when it is done.
+
+    Until then it ends with its executor, which is returned, too.
+    """
+    executor = WorkerExecutor(1, preload="surface.representation", python=python, gives_way=True)
+    futures = [executor.submit(compacted, draft) for draft in drafts]
+    executor.shutdown(wait=False)
+    return executor, futures
 
 
 class Job:

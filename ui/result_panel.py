@@ -12,6 +12,7 @@ from bpy.types import Context, Object, Panel, Scene, UILayout
 from ..operators.data.lengths import length_text
 from ..operators.data.report_text import rows, verdict, warnings
 from ..operators.data.result_keys import (
+    DRAFT,
     REPORT,
     REPRESENTATION,
     has_heat_map,
@@ -102,7 +103,10 @@ class SPARSE_SURFACE_PT_representation(UnderResult, Panel):
         report = read_report(context.active_object)
         if report is not None:
             size = len(context.active_object[REPRESENTATION]) / 1e6
-            column.label(text=iface_("{} patches, {:.2g} MB").format(report["patches"], size), translate=False)
+            said = iface_("{} patches, {:.2g} MB").format(report["patches"], size)
+            if DRAFT in context.active_object:  # it will be smaller soon
+                said = iface_("{} patches").format(report["patches"])
+            column.label(text=said, translate=False)
         column.operator("sparse_surface.separate_patches", icon="OUTLINER_COLLECTION")
         column.operator("sparse_surface.domains_to_uv", icon="UV")
 

@@ -20,6 +20,9 @@ lowest to the highest; with a tolerance, in each of its bands."""
 REPRESENTATION = "sparse_surface_representation"
 """Custom property of a result object: its representation, as the bytes of a saved file."""
 
+DRAFT = "sparse_surface_draft"
+"""Custom property of a result object whose representation is not yet compact."""
+
 STRETCH = "sparse_surface_stretch"
 """Custom property of a result object whose source was scaled: nine numbers that lead from local to world lengths."""
 
@@ -120,3 +123,17 @@ def shows_patches(shown: Object) -> bool:
 def _has_layer(candidate: Object, name: str, kind: str) -> bool:
     layer = candidate.data.attributes.get(name) if candidate.type == "MESH" else None
     return layer is not None and (layer.data_type, layer.domain) == (kind, "POINT")
+
+
+def store_representation(holder: Object, stored: bytes, *, draft: bool = True) -> None:
+    """Keep a saved representation with an object; a draft is made compact later (`representation.compacting`).
+
+    Blender carries a custom property of an object through saving, undo, duplicating and appending, and copies it only
+    when it evaluates the object; it would copy a property of the mesh whenever a vertex moves.
+    """
+    for name in (REPRESENTATION, DRAFT):
+        if name in holder:
+            del holder[name]  # bytes assigned to an existing property end at their first zero
+    holder[REPRESENTATION] = stored
+    if draft:
+        holder[DRAFT] = True

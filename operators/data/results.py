@@ -25,7 +25,6 @@ from .result_keys import (
     MADE_FROM,
     PATCH,
     REPORT,
-    REPRESENTATION,
     SCALE,
     SHARES,
     SHIFT,
@@ -34,6 +33,7 @@ from .result_keys import (
     WEIGHT,
     cut_name,
     result_name,
+    store_representation,
 )
 from .shape_keys import add_iteration_keys
 from .visibility import readable
@@ -52,12 +52,12 @@ def create_result(
     *,
     role: str = RESULT,
     replace: bool = False,
-    whole: bool = True,
+    keeps_functions: bool = True,
 ) -> Object:
     """Make the result object: a copy of the source's mesh with moved vertices, attributes and report.
 
-    With `replace`, what the same source had in this `role` before gets the new mesh instead.  Where the source is not
-    the `whole` of what was approximated, the object holds no representation.
+    With `replace`, what the same source had in this `role` before gets the new mesh instead.  Without
+    `keeps_functions` the object holds no representation.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def create_result(
     _rename_groups(made)
     if result.history is not None:
         add_iteration_keys(made, np.stack([source.lengths.to_local(points) for points in result.history]))
-    _put(made, source, result, scale, whole)
+    _put(made, source, result, scale, keeps_functions)
     if result.creases is not None:
         mark_sharp(mesh, result.creases)
     return made
@@ -86,11 +86,18 @@ def create_unmeasured(context: Context, source: Source, vertices: NDArray[np.flo
 
 
 def create_surface(
-    context: Context, source: CloudSource, result: CloudOutcome, scale: ColourScale, *, replace: bool = False
+    context: Context,
+    source: CloudSource,
+    result: CloudOutcome,
+    scale: ColourScale,
+    *,
+    replace: bool = False,
+    keeps_functions: bool = True,
 ) -> Object:
     """Make the object of a reconstructed surface, in the place of the points.
 
-    With `replace`, an earlier surface of the same points gets the new mesh instead.
+    With `replace`, an earlier surface of the same points gets the new mesh instead.  Without `keeps_functions` the
+    object holds no representation.
 
     Raises
     ------
@@ -107,7 +114,7 @@ def create_surface(
     if SHIFT in points:
         made[SHIFT] = list(points[SHIFT])
     made[SPLITS] = [result.splits, len(result.vertices), len(result.sizes)]
-    _put(made, source, result, scale)
+    _put(made, source, result, scale, keeps_functions)
     return made
 
 
@@ -190,29 +197,17 @@ def _put(
     source: Source | CloudSource,
     surface: Approximation | CloudOutcome,
     scale: ColourScale,
-    whole: bool = True,
+    keeps_functions: bool = True,
 ) -> None:
     """Write attributes, report, representation and colour scale of a surface."""
     write_error(made, surface.error, scale)
     attributes.write(made.data, {PATCH: surface.patch, DOMAIN_STRETCH: surface.domain_stretch})
     made[REPORT] = json.loads(json.dumps(surface.report))  # plain values only, as Blender stores them
-    if whole:
-        _store_representation(made, surface.representation.compact, source.lengths.stretch)
-
-
-def _store_representation(made: Object, stored: bytes, stretch: NDArray[np.float64] | None) -> None:
-    """Keep a saved representation with an object, and how the object's lengths relate to those of its points.
-
-    Blender carries a custom property of an object through saving, undo, duplicating and appending, and copies it only
-    when it evaluates the object; it would copy a property of the mesh whenever a vertex moves.
-    """
-    if REPRESENTATION in made:
-        del made[REPRESENTATION]  # bytes assigned to an existing property end at their first zero
-    made[REPRESENTATION] = stored
-    if stretch is not None:
-        made[STRETCH] = [float(value) for value in stretch.ravel()]
-    elif STRETCH in made:
-        del made[STRETCH]
+    if keeps_functions:
+        store_representation(made, surface.representation.draft)
+        made.pop(STRETCH, None)
+        if source.lengths.stretch is not None:
+            made[STRETCH] = [float(value) for value in source.lengths.stretch.ravel()]
 
 
 def _rename_groups(made: Object) -> None:

@@ -18,9 +18,11 @@ from ..data.lengths import length_text
 from ..data.objects import current_name, select_only, source_to_solve
 from ..data.report_text import one_line
 from ..data.visibility import readable, settle
+from ..representation import compacting
 from . import estimate
 from .control import Preview, Run
 from .preferences import preferred_workers
+from .preloading import python_command
 from .session import session
 from .status import show_progress
 
@@ -151,6 +153,8 @@ class SolverOperator:
         if not made:
             return {"CANCELLED"}
         select_only(context, made)
+        if not bpy.app.background:
+            compacting.begin(python_command())
         return {"FINISHED"}
 
     def make_each(

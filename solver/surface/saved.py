@@ -55,8 +55,9 @@ class Saved:
         quality
             "exact": everything to the last bit but the domains, with the surface the same to 5e-7 of the longest side
             of the box around the vertices.  "plain": the same, with the domains as plain numbers for other programs;
-            half as large again.  "draft": the same to the last bit, written in a fifth of the time.  "compact": a quarter of that; the surface moves by up to 1e-5 of the side,
-            the input's vertices by up to 3e-5.
+            half as large again.  "draft": the same to the last bit, two or three times as large, written in a fraction
+            of the time.  "compact": a quarter of the exact one; the surface moves by up to 1e-5 of the side, the
+            input's vertices by up to 3e-5.
         keep_vertex_order
             Whether vertices and faces keep their numbers.  Where they need not, a file of a mesh whose order is random
             is half as large: they are numbered as a walk over the mesh meets them, and faces may begin elsewhere.

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import cube
-from sparse_surface.solver import FINISH, Settings, approximate
+from sparse_surface.solver import FINISH, FileFormatError, Settings, approximate
 from sparse_surface.solver import job as module
 from sparse_surface.solver.interchange import MeshArrays
-from sparse_surface.solver.job import Job, approximate_arrays, dismiss_prepared, prepare
+from sparse_surface.solver.job import Job, approximate_arrays, begin_compacting, dismiss_prepared, prepare
 from sparse_surface.solver.processes.child import start_child
 from sparse_surface.solver.progress import Progress, run_to_end
 
@@ -96,14 +96,23 @@ def test_the_representation_is_opened_when_it_is_used(job: Job) -> None:
     job.start(arrays, QUICK)
     wait(job)
     assert job.outcome is not None, job.failure
-    here = approximate(arrays.vertices, arrays.polygons(), QUICK).representation
+    known = arrays.triangles.astype(np.int64), arrays.triangle_polygons.astype(np.int64)
+    here = approximate(arrays.vertices, arrays.polygons(), QUICK, triangles=known).representation
     brought = job.outcome.representation
-    assert brought.compact[:2] == b"PK"
+    assert brought.draft[:2] == b"PK"
     assert "_opened" not in vars(brought)
     points = np.zeros(20, dtype=np.int64), np.random.default_rng(1).dirichlet([1.0, 1.0, 1.0], 20)
-    # the compact form that a .blend carries moves the surface by up to 1e-5 of the longest side
-    side = np.ptp(arrays.vertices, axis=0).max()
-    np.testing.assert_allclose(brought.evaluate(*points), here.evaluate(*points), atol=1e-5 * side)
+    np.testing.assert_array_equal(brought.evaluate(*points), here.evaluate(*points))
+
+
+def test_a_child_makes_drafts_compact_and_ends() -> None:
+    arrays = creased_grid(24)
+    here = approximate(arrays.vertices, arrays.polygons(), QUICK).representation
+    child, futures = begin_compacting([here.draft, b"damaged"])
+    assert futures[0].result(120.0) == here.compact
+    assert isinstance(futures[1].exception(120.0), FileFormatError)
+    with pytest.raises(RuntimeError, match="shut down"):
+        child.submit(int)
 
 
 def test_a_result_is_taken_in_without_scipy() -> None:
@@ -126,7 +135,7 @@ job.start(MeshArrays(vertices, corners.ravel(), np.full(98, 3, np.int32), corner
 while job.running:
     job.poll()
     time.sleep(0.01)
-print(job.failure, len(job.outcome.vertices), len(job.outcome.representation.compact) > 0, "scipy" in sys.modules)
+print(job.failure, len(job.outcome.vertices), len(job.outcome.representation.draft) > 0, "scipy" in sys.modules)
 job.stop()
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

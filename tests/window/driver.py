@@ -220,9 +220,10 @@ def drawn_objects() -> frozenset[int]:
 
 
 def waiting_children() -> set[int]:
-    """Return the process numbers of children that were started for the next run."""
+    """Return the process numbers of children that no run needs: they wait for the next, or make drafts compact."""
     jobs = sys.modules.get(f"{add_on()}.solver.job")
-    crews = [executor._crew for executor in jobs._prepared.values()] if jobs is not None else []
+    prepared = list(jobs._prepared.values()) if jobs is not None else []
+    crews = [executor._crew for executor in [*prepared, *module("operators.representation.compacting")._children]]
     return {worker._process.pid for crew in crews for worker in crew if worker._process is not None}
 
 

@@ -55,6 +55,29 @@ def test_one_undo_step_takes_the_result_back_and_redo_brings_it_again():
     assert bpy.data.objects[driver.RESULT]["sparse_surface"]["patches"] > 20
 
 
+def test_a_draft_becomes_compact_beside_the_user():
+    """Nobody waits for it; redoing brings the draft again, which saving knows how to make compact."""
+    yield from driver.start_job(iterations=4)
+    yield from driver.wait_for(lambda: driver.running() is None, 240.0, "result")
+    draft, compacting = "sparse_surface_draft", driver.module("operators.representation.compacting")
+    assert draft in bpy.data.objects[driver.RESULT]
+    large = len(bpy.data.objects[driver.RESULT]["sparse_surface_representation"])
+    yield from driver.wait_for(lambda: draft not in bpy.data.objects[driver.RESULT], 240.0, "compact form")
+    assert len(bpy.data.objects[driver.RESULT]["sparse_surface_representation"]) < 0.4 * large
+    assert not compacting._children
+    for step in (bpy.ops.ed.undo, bpy.ops.ed.redo):
+        with driver.in_viewport():
+            step()
+        yield 0.3
+    with tempfile.TemporaryDirectory() as folder:
+        bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder) / "kept.blend"), copy=True)
+    assert draft not in bpy.data.objects[driver.RESULT]
+    assert len(bpy.data.objects[driver.RESULT]["sparse_surface_representation"]) < 0.4 * large
+    driver.select(bpy.data.objects[driver.RESULT])
+    with driver.in_viewport():
+        assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+
+
 def test_the_result_joins_its_source_in_local_view():
     driver.clear_scene()
     bpy.context.scene.sparse_surface.iterations = 4

@@ -16,7 +16,7 @@ from .blocks import BlockWriter
 from .canonical import Canonical, Fields, Quality
 from .connectivity import write_faces, write_triangles
 from .content import Sizes
-from .cover import Cover, ring_members, weights_of
+from .cover import ring_members, weights_of
 from .domains import Functions, Shapes, code_domains, shares_of
 from .entropy import NumberWriter, TooLargeError, whole_numbers
 from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps

@@ -22,6 +22,8 @@ from sparse_surface.benchmarks.generated_models import (
     tetrahedron,
 )
 from sparse_surface.solver import InputError, Representation, Settings, approximate
+from sparse_surface.solver.surface import files
+from sparse_surface.solver.surface.format import writing
 
 QUICK = {"ring": 4, "degree": 8, "sparsity": 8, "iterations": 3, "sweeps": 1}
 BOW_TIE = ([[0, 0, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0.2]], [[0, 1, 2], [0, 3, 4]])
@@ -55,6 +57,29 @@ def test_files_are_small_and_their_surfaces_stay() -> None:
     np.testing.assert_array_equal(exact.vertices, surface.vertices)
     np.testing.assert_array_equal(compact.triangles, surface.triangles)
     assert np.abs(compact.vertices - surface.vertices).max() <= 2.6e-5 * side
+
+
+def test_a_draft_is_the_same_to_the_last_bit_and_becomes_compact() -> None:
+    surface = whole_flower()
+    draft = Representation.from_bytes(surface.draft)
+    for name in ("vertices", "domains", "coefficients", "origins", "scales", "weights"):
+        ours, read = getattr(surface, name), getattr(draft, name)
+        assert np.array_equal(np.sort(ours, axis=None), np.sort(read, axis=None)), name
+    at = places(surface)
+    np.testing.assert_array_equal(draft.evaluate(*at), surface.evaluate(*at))
+    assert draft.compact == surface.compact
+
+
+def test_functions_are_rounded_less_where_domains_cannot_make_up_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A surface whose rounded functions alone moved it too far kept all domains as they were: five times the bytes."""
+    surface = whole_flower()
+    usual = len(surface.compact)
+    monkeypatch.setattr(writing, "FUNCTIONS_SHARES", (20.0, 0.6))
+    data = files.to_bytes(surface, "compact")
+    assert moved(surface, Representation.from_bytes(data)) <= 1e-5
+    assert len(data) <= 1.3 * usual
+    monkeypatch.setattr(writing, "FUNCTIONS_SHARES", (20.0,))
+    assert len(files.to_bytes(surface, "compact")) > 1.5 * usual, "the first share was enough: this tests nothing"
 
 
 def crushed() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -124,7 +149,7 @@ def test_initial_domains_are_found_again(name: str) -> None:
 
 
 def test_other_qualities_are_refused() -> None:
-    with pytest.raises(InputError, match="exact, compact, plain, but not as 'best'"):
+    with pytest.raises(InputError, match="exact, compact, plain, draft, but not as 'best'"):
         model("open").save("nowhere.npz", quality="best")
 
 
