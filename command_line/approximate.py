@@ -16,6 +16,7 @@ from ..operators.data.colours import ColourScale
 from ..operators.data.report_text import one_line
 from ..operators.data.results import create_result, create_unmeasured
 from ..operators.files.meshes import named, read_meshes
+from ..operators.representation.compacting import compact_drafts
 from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.approximation.parts import groups_of_parts, joined, taken_apart
 from ..solver.errors import InputError, SparseSurfaceError
@@ -24,7 +25,7 @@ from ..solver.mesh.input_checks import checked_faces, checked_vertices
 from ..solver.progress import run_to_end
 from .arguments import PROGRAM
 from .console import console
-from .outputs import Made, asked_for, keeps_functions, write_outputs
+from .outputs import Made, asked_for, is_scene, keeps_functions, write_outputs
 from .progress import LastSurface, progress_display
 
 UNMEASURED = "{}: There is not enough memory to measure the surface; '{}' has it, with nothing known of its errors."
@@ -73,6 +74,8 @@ def run(options: argparse.Namespace) -> int:
             unmeasured.append(together[0].name)
     if not made:
         raise InputError(f"None of the {len(sources)} meshes of '{options.input.name}' could be approximated.")
+    if is_scene(options.output):
+        compact_drafts()
     write_outputs(options, made)
     for name in unmeasured:
         console.complain(UNMEASURED.format(name, options.output), PROGRAM)

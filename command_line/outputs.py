@@ -50,8 +50,12 @@ class Made:
 
 def keeps_functions(options: argparse.Namespace) -> bool:
     """Whether objects need the functions of their surfaces: to be saved with them, or for what is made of them."""
-    blend = options.output is not None and options.output.suffix.lower() == ".blend"
-    return bool(blend or options.resample or options.domain_maps)
+    return bool(is_scene(options.output) or options.resample or options.domain_maps)
+
+
+def is_scene(path: Path | None) -> bool:
+    """Whether a file holds everything there is in Blender."""
+    return path is not None and path.suffix.lower() == ".blend"
 
 
 def asked_for(options: argparse.Namespace) -> dict[str, Any]:
@@ -158,7 +162,6 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     import bpy
 
     from ..operators.files.meshes import write_meshes
-    from ..operators.representation.compacting import compact_drafts
     from ..operators.representation.resampled import resample_object, resample_parts
 
     fine = []
@@ -173,8 +176,6 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
     # A scene holds both; what distances were measured to is no source.
     models = [each.source for each in made if each.measured is None and path.suffix != ".blend"]
     source = made[0].input if models and not fine else None
-    if path.suffix.lower() == ".blend":
-        compact_drafts()
     write_meshes(path, written, made[0].error_colours, models, source)
 
 

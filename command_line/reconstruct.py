@@ -16,12 +16,13 @@ from ..operators.data.results import create_surface
 from ..operators.files.formats import ONLY_PLAIN
 from ..operators.files.points import create_base, read_base, read_points
 from ..operators.files.shifted import SHIFTERS
+from ..operators.representation.compacting import compact_drafts
 from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
 from ..solver.surface.representation import Representation
 from .console import console
-from .outputs import Made, asked_for, keeps_functions, write_outputs
+from .outputs import Made, asked_for, is_scene, keeps_functions, write_outputs
 from .progress import progress_display
 
 
@@ -41,6 +42,8 @@ def run(options: argparse.Namespace) -> None:
     surface = create_surface(bpy.context, source, outcome, scale, keeps_functions=keeps_functions(options))
     if options.domain_maps:
         write_domain_maps(surface)
+    if is_scene(options.output):
+        compact_drafts()
     console.say(one_line(points.name, outcome.report), points.name)
     console.detail(outcome.report)
     _say_where(options, source.arrays.shift)

@@ -72,9 +72,7 @@ def solve_and_store(arrays: Task, settings: Any) -> Steps[Any]:
 
 def compacted(draft: bytes) -> bytes:
     """Return the content of a compact file for that of a draft; the same bytes in whatever process."""
-    from .surface.representation import Representation
-
-    return Representation.from_bytes(draft).compact
+    return bytes(StoredRepresentation(draft).compact)
 
 
 def begin_compacting(drafts: Sequence[bytes], python: Sequence[str] = ()) -> tuple[Executor, list[Future[bytes]]]:
