@@ -106,6 +106,7 @@ QUALITIES = {
     "exact": "the result's numbers to the last bit",
     "compact": "a third to a half of the bytes, the surface within 1e-5 of its longest side",
     "plain": "exact, larger, for readers of other programs",
+    "draft": "exact to the last bit, two or three times as large, written in a fraction of the time",
 }
 """How a representation is saved: what `solver.surface.format.canonical` offers, in words."""
 
