@@ -27,6 +27,9 @@ CALM = 1.0
 SHORTEST_CHAIN = 12
 """A crease has at least so many edges."""
 
+STEEP = 75.0
+"""Edges that bend by this, degrees, need less contrast: rods of six sides, which may mean round ones, bend less."""
+
 
 @dataclass(frozen=True)
 class PotentialCreases:
@@ -53,15 +56,19 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     """Find the edges of dihedral d >= 12 degrees that bend 2.5 times as much as what is beside them.
 
     Beside an edge are the four other edges of its triangles, and the four edges on the lines parallel to it, one strip
-    of triangles away; of each four the second smallest counts.  Chains of connected edges need 12 of them.
+    of triangles away; of each four the second smallest counts.  Edges around a wall that is one strip wide need not
+    bend more than each other, and what lies beyond them counts as bent: the wall may be round.  Chains of connected
+    edges need 12 of them.
     """
     dihedral = dihedrals(mesh)
     bend = np.where(mesh.triangle_edges >= 0, dihedral[mesh.triangle_edges], 0.0)
-    beside = np.sort(_other_edges(mesh, bend), axis=1)[:, 1], np.sort(_parallel_edges(mesh, bend), axis=1)[:, 1]
+    others = np.sort(_other_edges(mesh, bend), axis=1)
+    steep = _steep_edges(mesh, dihedral, bend, others[:, 2])
+    beside = others[:, 1], np.sort(_parallel_edges(mesh, bend, steep), axis=1)[:, 1]
     paired = np.flatnonzero(mesh.edge_triangles[:, 1] >= 0)
     calm = np.maximum(np.maximum(*beside), CALM)
     strong = (dihedral[paired] >= LEAST_DIHEDRAL) & (dihedral[paired] >= CONTRAST * calm)
-    candidates = np.zeros(len(dihedral), dtype=bool)
+    candidates = steep.copy()
     candidates[paired[strong]] = True
     candidates &= mesh.named_by_vertices
     chain = np.full(len(dihedral), -1)
@@ -70,6 +77,27 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     sizes = np.bincount(part[ends[:, 0]], minlength=count)
     chain[candidates] = np.where(sizes >= SHORTEST_CHAIN, np.arange(count), -1)[part[ends[:, 0]]]
     return PotentialCreases(dihedral, chain)
+
+
+def _steep_edges(mesh: TriangleMesh, dihedral: Array, bend: Array, other: Array) -> Booleans:
+    """Find edges that bend by 75 degrees or more, and 2.5 times as much as those beside them but their own kind, (E,).
+
+    Around a wall that is one strip wide the parallel edges are such edges, too.
+
+    Parameters
+    ----------
+    dihedral, bend
+        Of the edges, (E,), and of the triangles' edges, (T, 3).
+    other
+        Third smallest bend of the other edges of each paired edge's triangles, (J,).
+    """
+    steep, paired = np.zeros(len(dihedral), dtype=bool), np.flatnonzero(mesh.edge_triangles[:, 1] >= 0)
+    limit = np.where(dihedral >= STEEP, dihedral / CONTRAST, -1.0)[paired]
+    steep[paired] = other <= limit
+    if steep.any():
+        calm = np.where((mesh.triangle_edges >= 0) & steep[mesh.triangle_edges], 0.0, bend)
+        steep[paired] &= _parallel_edges(mesh, calm).max(axis=1) <= limit
+    return steep
 
 
 def dihedrals(mesh: TriangleMesh) -> Array:
@@ -114,8 +142,11 @@ def _other_edges(mesh: TriangleMesh, bend: Array) -> Array:
     return np.concatenate([bend[triangle, (corner + k) % 3] for k in (1, 2)], axis=1)
 
 
-def _parallel_edges(mesh: TriangleMesh, bend: Array) -> Array:
-    """The same of the four edges opposite to the ends of each edge, in the triangles beyond its own; 0 without one."""
+def _parallel_edges(mesh: TriangleMesh, bend: Array, steep: Booleans | None = None) -> Array:
+    """The same of the four edges opposite to the ends of each edge, in the triangles beyond its own; 0 without one.
+
+    Infinite beyond edges that are `steep`, (E,).
+    """
     twin = np.full(mesh.triangles.size, -1)
     twin[mesh.paired_sides] = mesh.paired_sides[:, ::-1]
     found = []
@@ -127,5 +158,8 @@ def _parallel_edges(mesh: TriangleMesh, bend: Array) -> Array:
             other, side = np.divmod(np.maximum(beyond, 0), 3)
             from_apex, to_own = (mesh.nodes[other] == apex[:, None]).argmax(axis=1), (side + 2) % 3
             parallel = np.where((from_apex + 1) % 3 == to_own, from_apex, to_own)
-            found.append(np.where(beyond >= 0, bend[other, parallel], 0.0))
+            bends = np.where(beyond >= 0, bend[other, parallel], 0.0)
+            if steep is not None:
+                bends[steep[mesh.triangle_edges[triangle, (corner + k) % 3]]] = np.inf
+            found.append(bends)
     return np.stack(found, axis=1)

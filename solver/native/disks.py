@@ -101,6 +101,18 @@ class Surface:
         self._run("judge_disks", byref(_native(members)), _at(good))
         return good.astype(bool)
 
+    def grown(self, centres: Indices, radius: int, most: Indices, wanted: Booleans) -> tuple[Members, Indices]:
+        """Grow a disk around each centre (see `patches.strips`); also returns their radii, 0 where there is none."""
+        starts, limits = (np.ascontiguousarray(own, dtype=np.int64) for own in (centres, most))
+        first, room = np.ascontiguousarray(wanted, dtype=np.uint8), np.empty(len(starts), dtype=np.int64)
+        self._run("ring_sizes", _at(starts), c_int64(len(starts)), c_int64(radius), _at(room))
+        space = Members(offsets_of(room), np.empty(int(room.sum()), dtype=np.int64))
+        sizes, radii = np.empty_like(room), np.empty_like(room)
+        given = _at(starts), c_int64(radius), _at(limits), _at(first), byref(_native(space))
+        self._run("grow_disks", *given, _at(sizes), _at(radii))
+        used = np.arange(len(space.triangles)) - np.repeat(space.offsets[:-1], room) < np.repeat(sizes, room)
+        return Members(offsets_of(sizes), space.triangles[used]), radii
+
     def held(self, members: Members) -> Booleans:
         """The nodes that some patch has with all of their triangles, (N,)."""
         held = np.zeros(len(self.fan_offsets) - 1, dtype=np.uint8)

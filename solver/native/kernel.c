@@ -19,5 +19,6 @@
 #include "bounds.c"
 #include "cover.c"
 #include "disks.c"
+#include "strips.c"
 #include "parts.c"
 #include "parameterisation.c"

@@ -1,7 +1,8 @@
 """Which rings around a centre are topological disks, and how the others are repaired (paper, section 4).
 
 A ring is the set of triangles that touch the (k - 1)-ring of a vertex, one row of a boolean matrix (patches, mesh
-triangles).  All rings are checked at once.
+triangles).  All rings are checked at once.  Where rings had to be less than half as large, they close around something
+thin: there disks grow as strips instead (`strips`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..native import disks as native
 from ..native.graphs import Graph
 from ..native.library import reason_against
+from .strips import grown_by_numpy
 
 _LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
 _LARGEST_GAP = 0.25  # filled gap, as a share of the patch's triangles
@@ -26,11 +28,24 @@ _CHUNK = 1024  # rings handled together; bounds the memory
 
 @dataclass(frozen=True, eq=False)
 class Disks:
-    """K disks: centres as nodes, (K,), radii in edges, (K,), and a row of the (K, T) matrix `members` for each."""
+    """K disks.
+
+    Attributes
+    ----------
+    centres
+        Nodes, (K,).
+    rings
+        Radii in edges, (K,).
+    members
+        Which triangles each has, (K, T).
+    grown
+        Which are no whole rings, but grew within them, (K,).
+    """
 
     centres: Indices
     rings: Indices
     members: csr_array
+    grown: Booleans
 
     @classmethod
     def joined(cls, parts: list[Disks], mesh: TriangleMesh) -> Disks:
@@ -41,31 +56,49 @@ class Disks:
             np.concatenate([none, *(part.centres for part in parts)]),
             np.concatenate([none, *(part.rings for part in parts)]),
             csr_array(vstack([empty, *(part.members for part in parts)], format="csr")),
+            np.concatenate([none.astype(bool), *(part.grown for part in parts)]),
         )
 
     def take(self, which: Indices) -> Disks:
         """Return some of the disks."""
-        return Disks(self.centres[which], self.rings[which], csr_array(self.members[which]))
+        return Disks(self.centres[which], self.rings[which], csr_array(self.members[which]), self.grown[which])
 
 
-def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int) -> Disks:
+def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans) -> Disks:
     """Return for each centre the largest ring up to `ring` that is, or can be filled to be, a disk.
 
-    A centre around which not even the smallest ring is a disk has none.
+    Where that would be less than half of `ring`, a disk grows within the whole ring, at first over nodes that are
+    `wanted`, (N,).  A centre around which not even the smallest ring is a disk has none.
     """
     limits = _Limits.of(mesh, ring)
     parts: list[Disks] = []
     owners: list[Indices] = []
     pending = np.arange(len(centres))
-    for radius in range(ring, 0, -1):
+    for radius in range(ring, ring // 2, -1):
         rows, members = _disks_of_radius(mesh, limits, centres[pending], radius)
-        parts.append(Disks(centres[pending[rows]], np.full(len(rows), radius), members))
+        parts.append(Disks(centres[pending[rows]], np.full(len(rows), radius), members, np.zeros(len(rows), bool)))
         owners.append(pending[rows])
         pending = np.delete(pending, rows)
         if len(pending) == 0:
             break
+    else:
+        rows, disks = _grown(mesh, centres[pending], ring, limits.triangles[mesh.component[centres[pending]]], wanted)
+        parts.append(disks)
+        owners.append(pending[rows])
     order = np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *owners]), kind="stable")
     return Disks.joined(parts, mesh).take(order)
+
+
+def _grown(mesh: TriangleMesh, centres: Indices, ring: int, most: Indices, wanted: Booleans) -> tuple[Indices, Disks]:
+    """Grow a disk around each centre; returns which centres have one, as positions, and the disks."""
+    if reason_against() is None:
+        (offsets, triangles), radii = _native(mesh).grown(centres, ring, most, wanted)
+    else:
+        offsets, triangles, radii = grown_by_numpy(mesh, centres, ring, most, wanted)
+    shape = len(centres), len(mesh.triangles)
+    members = csr_array((np.ones(len(triangles), dtype=bool), triangles, offsets), shape=shape)
+    found = np.flatnonzero(radii)
+    return found, Disks(centres[found], radii[found], csr_array(members[found]), np.ones(len(found), dtype=bool))
 
 
 def ring_triangles(mesh: TriangleMesh, centres: Indices, ring: int) -> csr_array:

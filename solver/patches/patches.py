@@ -2,8 +2,8 @@
 
 A patch consists of all triangles that touch the (k - 1)-ring of its centre, so its vertices are the k-ring.  A patch
 that is not a disk is repaired: enclosed gaps are filled, then the ring is made smaller; smaller rings cover what no
-patch holds any more.  A small hole of the mesh inside a patch is allowed: such a patch has two boundaries.  All patches
-are processed at once; there is no Python loop over patches.
+patch holds any more.  Around thin tubes and walls, where even half a ring closes, a patch is a strip instead that grows
+node by node.  A small hole of the mesh inside a patch is allowed: such a patch has two boundaries.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from .disks import Disks, held_nodes, largest_disks, numbered_nodes, row_chunks
 
 _OF_PATCHES, _OF_VERTICES = ("centres", "rings", "levels"), ("vertices", "nodes", "rim_distance")
 _OF_TRIANGLES = ("triangles", "mesh_triangles")
+
+SIDES = 3
+"""Rounds of strips of one radius, before what they leave gets smaller ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,17 +176,22 @@ def overlay_patches(mesh: TriangleMesh, patches: Patches, wanted: Booleans, ring
 
 
 def _cover_with_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans) -> Disks:
-    """Take the largest disk around each centre; cover what is lost where disks had to be smaller by smaller ones."""
+    """Take the largest disk around each centre; cover what is lost where disks had to be smaller by smaller ones.
+
+    A strip along something thin leaves its other side: the next ones may be as large.
+    """
     parts = []
-    limit = ring
+    limit, rounds = ring, 0
     remaining = wanted
     while len(centres):
-        disks = largest_disks(mesh, centres, limit)
+        disks = largest_disks(mesh, centres, limit, remaining)
         parts.append(disks)
         remaining = remaining & ~held_nodes(mesh, disks.members)
         if limit == 1:
             break
-        limit = min(limit - 1, int(disks.rings.max(initial=1)))
+        rounds = rounds + 1 if disks.grown.any() else SIDES
+        if rounds >= SIDES:
+            limit, rounds = min(limit - 1, int(disks.rings.max(initial=1))), 0
         centres = build_cover(mesh, limit, remaining)
     return Disks.joined(parts, mesh)
 
