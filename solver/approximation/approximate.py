@@ -244,10 +244,10 @@ def _observing(
     mesh: TriangleMesh, settings: Settings, weights: Array | None
 ) -> Callable[[Patches, Array], MeshObservations]:
     """What observes the mesh's vertices and the points inside its triangles."""
-    inside = settings.observations == "centroids"
+    inside, curved = settings.observations == "centroids", settings.domains == "separate"
 
     def observe(patches: Patches, blending: Array) -> MeshObservations:
-        return MeshObservations(mesh, patches, blending, settings.blending, weights, inside)
+        return MeshObservations(mesh, patches, blending, settings.blending, weights, inside, curved)
 
     return observe
 

@@ -196,7 +196,7 @@ def _errors_observed(surface: MeshSurface) -> Array:
     def measure(run: tuple[int, int]) -> None:
         first, end = run
         number, blending = surface.blends(np.arange(first, end))
-        away = np.concatenate([fit.values for fit in fits[first:end]]) - rows_at(observations.points, number)
+        away = np.concatenate([fit.values for fit in fits[first:end]]) - rows_at(observations.places, number)
         error = length_of(away) * blending
         largest[first:end] = np.maximum.reduceat(error, offsets[first:end] - offsets[first])
 

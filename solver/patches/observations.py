@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Booleans, Indices, has_masked
 from ..errors import InputError
+from ..mesh.curved import curved_offsets, offsets_inside
 from ..mesh.potential_creases import beside_sharp_edges
 from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
@@ -32,6 +33,8 @@ SHARP_DEGREES = 60.0
 """A patch is smooth where its triangles make no larger angle than this."""
 SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
+CURVED_SHARE = 0.75
+"""How far from the flat triangles towards the smooth surface beside them curved observations lie."""
 LIP_WEIGHT = 0.25
 """Weight of vertices on the side of a crease, where only half their triangles are and patches end."""
 
@@ -151,6 +154,15 @@ class MeshObservations:
 
     Over a coarse curved mesh vertices lie outside a smooth surface and centroids inside.  At its end a polynomial can
     follow their rows in turn, and there its normals would be degrees off.  Six points of a triangle lie on both sides.
+
+    Domains of their own for x, y and z could follow each flat triangle, and the surface would bend at every edge.  So
+    there the points are observed three quarters of the way to the smooth surface beside the mesh (see `mesh.curved`).
+    Refinements towards a tolerance are fitted to what the tolerance is measured from, the triangles themselves.
+
+    Attributes
+    ----------
+    places
+        Where the observed points lie on the mesh itself, (O, 3), scene units.
     """
 
     def __init__(
@@ -161,6 +173,7 @@ class MeshObservations:
         kind: str,
         weights: Array | None = None,
         inside: bool = True,
+        curved: bool = False,
         dense: Booleans | None = None,
         degrees: Indices | None = None,
         sharp: Booleans | None = None,
@@ -179,6 +192,8 @@ class MeshObservations:
             Weights of the vertices themselves, (V,); ones where None.
         inside
             Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
+        curved
+            Whether the smooth surface beside the mesh is observed.
         dense
             Patches that are observed as densely as small ones, (K,).
         degrees
@@ -186,7 +201,7 @@ class MeshObservations:
         sharp
             Triangles beside edges that bend by more than `SHARP_DEGREES`, (T,); found where None.
         """
-        self._made_of = mesh, patches, blending, kind, weights, inside
+        self._made_of = mesh, patches, blending, kind, weights, inside, curved
         self.degrees = np.full(len(patches), ANY_DEGREE) if degrees is None else degrees
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
@@ -224,10 +239,23 @@ class MeshObservations:
         corners = mesh.vertices[mesh.triangles]
         dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[closely]).reshape(-1, 3)
         nodes = mesh.vertices[mesh.node_vertex]
-        self.points = np.concatenate([nodes, corners.mean(axis=1), dense]) if self._inside else nodes
+        self.places = np.concatenate([nodes, corners.mean(axis=1), dense]) if self._inside else nodes
+        self.points = self._on_smooth_surface(closely) if self._made_of[-1] and self._inside else self.places
         self._first_centroid = len(nodes)
         self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
         self._first_dense[closely] = len(nodes) + len(mesh.triangles) + 6 * np.arange(len(closely))
+
+    def _on_smooth_surface(self, closely: Indices) -> Array:
+        """The observed places moved towards the smooth surface beside the mesh, (O, 3); six in the triangles named."""
+        mesh, patches = self._made_of[:2]
+        if patches.levels.any():
+            return self.places
+        moves, bulges = curved_offsets(mesh)
+        moves[mesh.passed_through[mesh.node_vertex]] = 0.0
+        within = offsets_inside(mesh.nodes, moves, bulges, CENTROID)[:, 0]
+        dense = offsets_inside(mesh.nodes[closely], moves, bulges[closely], SURFACE_SAMPLES).reshape(-1, 3)
+        moved: Array = self.places + CURVED_SHARE * np.concatenate([moves, within, dense])
+        return moved
 
     def with_dense(self, more: Booleans) -> MeshObservations:
         """Return the observations with more of the patches, (K,), observed densely."""
