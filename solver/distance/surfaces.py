@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, rows_at, sum_of
 from ..errors import InputError
 from ..mesh.input_checks import checked_faces, checked_vertices
 from ..mesh.normals import normals_and_areas
@@ -20,6 +20,9 @@ from .targets import PointTarget, Target, TriangleTarget
 
 _SPREAD = np.array([0.7548776662466927, 0.5698402909980532])
 """Steps of an evenly spread sequence in the unit square: powers of the plastic number's inverse."""
+
+PLACES_AT_ONCE = 1 << 16
+"""Places that are found together: more would only take memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +114,12 @@ class Surface:
         areas = normals_and_areas(self.vertices, self.triangles)[1].cumsum()
         triangle = np.searchsorted(areas, (np.arange(count) + 0.5) * (areas[-1] / count))
         triangle = np.minimum(triangle, len(areas) - 1)
-        shares = (0.5 + np.arange(1, count + 1)[:, None] * _SPREAD) % 1.0
-        over = shares.sum(axis=1) > 1.0
-        shares[over] = 1.0 - shares[over]
-        a, b, c = (self.vertices[self.triangles[triangle, corner]] for corner in range(3))
-        return a + shares[:, :1] * (b - a) + shares[:, 1:] * (c - a), triangle
+        places = np.empty((count, 3))
+        for start in range(0, count, PLACES_AT_ONCE):
+            own = slice(start, start + PLACES_AT_ONCE)
+            shares = (0.5 + np.arange(start + 1, start + 1 + len(places[own]))[:, None] * _SPREAD) % 1.0
+            over = sum_of(shares) > 1.0
+            shares[over] = 1.0 - shares[over]
+            a, b, c = (rows_at(self.vertices, corner) for corner in rows_at(self.triangles, triangle[own]).T)
+            places[own] = a + shares[:, :1] * (b - a) + shares[:, 1:] * (c - a)
+        return places, triangle

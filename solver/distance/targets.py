@@ -14,12 +14,17 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Indices
 from ..mesh.normals import area_vectors, face_normals, unit
+from ..native.library import reason_against
+from ..native.nearest import Groups
 from .groups import along_curve, group_sizes, members
 
 POINTS_AT_ONCE = 1 << 15
 PLACES_AT_ONCE = 1 << 10
 FIRST_CANDIDATES, MOST_CANDIDATES = 10, 20
 """Centroids of triangles tried for all places, and for those where that does not suffice."""
+
+THIN = 1e-8
+"""Square of the sine of an angle: triangles with smaller ones are thin."""
 
 LARGE = 1.2
 """A triangle is large whose radius exceeds this many median radii."""
@@ -103,6 +108,8 @@ class TriangleTarget(Target):
 
     Notes
     -----
+    The compiled kernel searches through boxes around groups of triangles.  What follows is for NumPy.
+
     Near the mesh, triangles are tried in the order of their centroids' distances.  No point of a triangle is farther
     from its centroid than the largest corner, so the search knows when no other triangle can be nearer.  One large
     triangle would make this bound useless for all; hence large triangles are cut into pieces for the search.
@@ -111,17 +118,21 @@ class TriangleTarget(Target):
     triangles, each in a flat cylinder, whose distance bounds those of its triangles from below.
     """
 
-    def __init__(self, vertices: Array, triangles: Indices) -> None:
+    def __init__(self, vertices: Array, triangles: Indices, *, compiled: bool = True) -> None:
+        """Prepare for the compiled kernel, or for NumPy where there is none or it is not wanted."""
         self.vertices, self.triangles = vertices, triangles
         self.corners = vertices[triangles]
+        self._columns = np.ascontiguousarray(_planes(self.corners).T)
+        self._normals = face_normals(vertices, triangles)
+        self._order = along_curve(self.corners.mean(axis=1))
+        self._groups = Groups(self.corners, self._order) if compiled and reason_against() is None else None
+        if self._groups is not None:
+            return
         pieces, self._owner = _cut_large(self.corners)
         centroids = pieces.mean(axis=1)
         self._radius = np.linalg.norm(pieces - centroids[:, None], axis=2).max(axis=1)
         self._largest = float(self._radius.max())
         self._tree = cKDTree(centroids)
-        self._columns = np.ascontiguousarray(_planes(self.corners).T)
-        self._normals = face_normals(vertices, triangles)
-        self._order = along_curve(self.corners.mean(axis=1))
         self._levels = _cylinders(self.corners[self._order])
 
     def distance_to(self, points: Array, element: Indices) -> Array:
@@ -131,12 +142,17 @@ class TriangleTarget(Target):
         return self._normals[found.element]
 
     def _feet(self, points: Array, element: Indices) -> Array:
+        if self._groups is not None:
+            return self._groups.feet(points, element)
         v, w, _ = _closest(points, self._columns, element)
         a, b, c = (self.corners[element, corner] for corner in range(3))
         feet: Array = a + v[:, None] * (b - a) + w[:, None] * (c - a)
         return feet
 
     def _nearest_of_few(self, points: Array) -> Nearest:
+        if self._groups is not None:
+            element, feet = self._groups.nearest(points)
+            return Nearest(np.linalg.norm(feet - points, axis=1), element, feet)
         count = len(self._radius)
         best = np.full(len(points), np.inf)
         element = np.zeros(len(points), dtype=np.int64)
@@ -236,10 +252,13 @@ def _closest(points: Array, columns: Array, triangle: Indices) -> tuple[Array, A
     pu, pv = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
     pp = px * px + py * py + pz * pz
     area = uu * vv - uv * uv
-    flat = area <= 1e-30 * uu * vv
-    scale = 1.0 / np.where(flat, 1.0, area)
+    thin = area <= THIN * uu * vv
+    scale = 1.0 / np.where(area > 0.0, area, 1.0)
     v, w = (vv * pu - uv * pv) * scale, (uu * pv - uv * pu) * scale
-    outside = np.flatnonzero((v < 0.0) | (w < 0.0) | (v + w > 1.0) | flat)
+    outside = (v < 0.0) | (w < 0.0) | (v + w > 1.0)
+    # the free minimum of a thin triangle may be all rounding
+    free = np.where(outside, np.inf, v * (v * uu - 2.0 * pu) + w * (w * vv - 2.0 * pv) + 2.0 * v * w * uv)
+    outside = np.flatnonzero(outside | thin)
     if len(outside):
         pu_, pv_, uu_, uv_, vv_ = (each[outside] for each in (pu, pv, uu, uv, vv))
         along_u = np.clip(pu_ / np.where(uu_ > 0.0, uu_, 1.0), 0.0, 1.0)
@@ -252,8 +271,9 @@ def _closest(points: Array, columns: Array, triangle: Indices) -> tuple[Array, A
         on_third = rest * (rest * uu_ - 2.0 * pu_) + across * (across * vv_ - 2.0 * pv_) + 2.0 * rest * across * uv_
         use_v = (on_v < on_u) & (on_v <= on_third)
         use_third = (on_third < on_u) & ~use_v
-        v[outside] = np.where(use_third, rest, np.where(use_v, 0.0, along_u))
-        w[outside] = np.where(use_third, across, np.where(use_v, along_v, 0.0))
+        best = free[outside] <= np.minimum(np.minimum(on_u, on_v), on_third)
+        v[outside] = np.where(best, v[outside], np.where(use_third, rest, np.where(use_v, 0.0, along_u)))
+        w[outside] = np.where(best, w[outside], np.where(use_third, across, np.where(use_v, along_v, 0.0)))
     squared = pp + v * (v * uu - 2.0 * pu) + w * (w * vv - 2.0 * pv) + 2.0 * v * w * uv
     return v, w, squared
 

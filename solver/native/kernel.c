@@ -21,4 +21,5 @@
 #include "disks.c"
 #include "strips.c"
 #include "parts.c"
+#include "nearest.c"
 #include "parameterisation.c"
