@@ -25,14 +25,14 @@ import zipfile
 from pathlib import Path
 from platform import machine as machine_name
 
-from build_native import NativeBuildError, build_for
+from build_native import TARGETS, NativeBuildError, build_for
 from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch, fetch_platform
 
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
 FOLDERS = ("command_line", "operators", "presets", "solver", "ui")
 FILES = ("LICENSE", "py.typed")
-KERNEL = Path("solver", "native", "built")  # the compiled kernel, another one on each platform
+KERNEL = Path("solver", "native", "built")  # the compiled kernel, another one on each platform; all without wheels
 GENERATIONS = {"cp311": ("4.2.0", "5.1.0"), "cp313": ("5.1.0", None)}
 """The first Blender with each Python, and the first that has another one again."""
 
@@ -82,14 +82,22 @@ def kinds_by_default() -> list[str]:
     return [*(f"{name}-{python}" for name, each in PLATFORMS.items() for python in each.pythons), WITHOUT_WHEELS]
 
 
-def stage(folder: Path, kind: str, wheels: list[Path], kernel: Path | None) -> None:
-    """Copy the package into a new folder, with the compiled kernel and the manifest of its zip."""
+def kernels(platform: str) -> dict[Path, Path]:
+    """Return the compiled kernels by their places in a zip: the platform's own, or without wheels that of each."""
+    if platform == WITHOUT_WHEELS:
+        return {KERNEL / name / path.name: path for name, path in ((each, build_for(each)) for each in TARGETS)}
+    own = build_for(platform)
+    return {KERNEL / own.name: own}
+
+
+def stage(folder: Path, kind: str, wheels: list[Path]) -> None:
+    """Copy the package into a new folder, with compiled kernels and the manifest of its zip."""
     for path in package_files():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, folder / path)
-    if kernel is not None:
-        (folder / KERNEL).mkdir()
-        shutil.copyfile(kernel, folder / KERNEL / kernel.name)
+    for place, kernel in kernels(parts_of(kind)[0]).items():
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(kernel, folder / place)
     (folder / "wheels").mkdir()
     for wheel in wheels:
         shutil.copyfile(wheel, folder / "wheels" / wheel.name)
@@ -156,10 +164,9 @@ def build(kind: str, folder: Path) -> Path:
     wheels: list[Path] = []
     if platform != WITHOUT_WHEELS:
         wheels = fetch_platform(platform) if python is None else fetch(platform, python)
-    kernel = None if platform == WITHOUT_WHEELS else build_for(platform)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".building_", dir=folder) as temporary:
-        stage(Path(temporary) / "package", kind, wheels, kernel)
+        stage(Path(temporary) / "package", kind, wheels)
         draft = Path(temporary) / zip_name(kind)
         run_tool("build", "--source-dir", str(Path(temporary) / "package"), "--output-filepath", str(draft))
         settle(draft)

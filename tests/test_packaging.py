@@ -163,6 +163,21 @@ def test_zip_is_the_same_whenever_it_is_built(tmp_path: Path) -> None:
     with zipfile.ZipFile(second) as file:
         assert {entry.date_time[:3] for entry in file.infolist()} == {(1980, 1, 1)}
         assert "wheels" not in tomllib.loads(file.read("blender_manifest.toml").decode())
+        kernels = {name for name in file.namelist() if "/built/" in name}
+    targets = script("build_native").TARGETS
+    assert kernels == {f"solver/native/built/{name}/libkernel.{each.extension}" for name, each in targets.items()}
+
+
+def test_a_package_for_several_platforms_has_the_kernel_of_this_one(tmp_path: Path) -> None:
+    """A Blender that brings its own SciPy fits as fast as one with our wheels."""
+    package = tmp_path / "sparse_surface"
+    with zipfile.ZipFile(script("build_extension").build("nowheels", tmp_path)) as file:
+        file.extractall(package)
+    code = "from sparse_surface.solver.native import library; print(library.path(), library.reason_against())"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
+    path, _, reason = done.stdout.strip().partition(" ")
+    assert Path(path).is_relative_to(package)
+    assert reason == "None"
 
 
 @pytest.mark.parametrize("platform", ["linux-x64", "windows-x64", "macos-arm64", "macos-x64"])

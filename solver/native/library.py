@@ -43,9 +43,19 @@ class NativeSettings(ctypes.Structure):
 def path() -> Path:
     """Where the library lies, under the name that the platform wants.
 
-    It has a folder of its own: among the modules it would be taken for one.
+    It has a folder of its own: among the modules it would be taken for one.  A package for several platforms has a
+    folder for each in there.
     """
-    return Path(__file__).parent / "built" / f"libkernel.{EXTENSIONS.get(sys.platform, 'so')}"
+    built, name = Path(__file__).parent / "built", f"libkernel.{EXTENSIONS.get(sys.platform, 'so')}"
+    several = built / platform_name() / name
+    return several if several.is_file() else built / name
+
+
+def platform_name() -> str:
+    """Name of system and processor as Blender's extensions know it, such as "linux-x64"."""
+    system = {"win32": "windows", "darwin": "macos"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower()
+    return f"{system}-{ {'x86_64': 'x64', 'amd64': 'x64', 'aarch64': 'arm64'}.get(machine, machine) }"
 
 
 def reason_against() -> str | None:
