@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -19,6 +20,7 @@ from ..operators.files.meshes import named, read_meshes
 from ..operators.representation.compacting import compact_drafts
 from ..operators.representation.domain_maps import write_domain_maps
 from ..solver.approximation.parts import groups_of_parts, joined, taken_apart
+from ..solver.approximation.result import Approximation
 from ..solver.errors import InputError, SparseSurfaceError
 from ..solver.job import approximate_arrays
 from ..solver.mesh.input_checks import checked_faces, checked_vertices
@@ -29,6 +31,7 @@ from .outputs import Made, asked_for, is_scene, keeps_functions, write_outputs
 from .progress import LastSurface, progress_display
 
 UNMEASURED = "{}: There is not enough memory to measure the surface; '{}' has it, with nothing known of its errors."
+"""Also where it was measured, but there is no memory for the measures and the functions."""
 
 
 class Unmeasured(Exception):
@@ -75,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     if not made:
         raise InputError(f"None of the {len(sources)} meshes of '{options.input.name}' could be approximated.")
     if is_scene(options.output):
-        compact_drafts()
+        with suppress(MemoryError):  # a draft is larger and as good
+            compact_drafts()
     write_outputs(options, made)
     for name in unmeasured:
         console.complain(UNMEASURED.format(name, options.output), PROGRAM)
@@ -133,19 +137,42 @@ def _approximated(options: argparse.Namespace, together: Sequence[Object], solve
             raise Unmeasured(_placed(together, reads, last.vertices))
     if source.data.users > 1:
         solved[key] = outcome
-    whole = len(together) == 1
-    parts = [(outcome, None)] if whole else taken_apart(outcome, [read.arrays for read in reads])
-    report = outcome.report if whole else _of_parts(outcome.report, together)
-    scale = ColourScale(0.0, float(outcome.error.max(initial=0.0)))
+    report = outcome.report if len(together) == 1 else _of_parts(outcome.report, together)
+    made = _objects(options, together, reads, outcome, report)
+    if made is None:
+        vertices, outcome = outcome.vertices, None  # the functions go: their memory is needed
+        solved.pop(key, None)
+        raise Unmeasured(_placed(together, reads, vertices))
     console.say(one_line(name, report), name)
     console.detail(report)
+    return made
+
+
+def _objects(
+    options: argparse.Namespace,
+    together: Sequence[Object],
+    reads: Sequence[mesh_data.Source],
+    outcome: Approximation,
+    report: dict[str, Any],
+) -> list[Made] | None:
+    """Make objects of a result; None where memory ends but may suffice for the surface alone."""
+    whole, before = len(together) == 1, set(bpy.data.objects)
     made = []
-    for each, read, (own, part) in zip(together, reads, parts, strict=True):
-        result = create_result(bpy.context, read, own, scale, keeps_functions=whole and keeps_functions(options))
-        if options.domain_maps:
-            write_domain_maps(result)
-        kept = report, outcome.representation, options.resample
-        made.append(Made(options.input, each, result, *kept, **asked_for(options), part=part))
+    try:
+        parts = [(outcome, None)] if whole else taken_apart(outcome, [read.arrays for read in reads])
+        scale = ColourScale(0.0, float(outcome.error.max(initial=0.0)))
+        for each, read, (own, part) in zip(together, reads, parts, strict=True):
+            result = create_result(bpy.context, read, own, scale, keeps_functions=whole and keeps_functions(options))
+            if options.domain_maps:
+                write_domain_maps(result)
+            kept = report, outcome.representation, options.resample
+            made.append(Made(options.input, each, result, *kept, **asked_for(options), part=part))
+    except MemoryError:
+        if options.output is None or options.resample:
+            raise
+        for left in set(bpy.data.objects) - before:
+            bpy.data.meshes.remove(left.data)
+        return None
     return made
 
 

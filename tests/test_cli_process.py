@@ -295,7 +295,7 @@ os._exit(code)
 """
 
 
-def squeezed(tmp_path: Path, stage: str, spare: int) -> subprocess.CompletedProcess[str]:
+def squeezed(tmp_path: Path, stage: str, spare: int, output: str = "out.obj") -> subprocess.CompletedProcess[str]:
     """Approximate a mesh of 40,000 vertices, with little memory to spare from a stage on."""
     size = 200
     x, y = (part.ravel() for part in np.meshgrid(*2 * [np.linspace(0.0, 1.0, size)], indexing="ij"))
@@ -306,7 +306,7 @@ def squeezed(tmp_path: Path, stage: str, spare: int) -> subprocess.CompletedProc
     lines += ["f " + " ".join(map(str, face + 1)) for face in quads]
     (tmp_path / "wide.obj").write_text("\n".join(lines) + "\n")
     code = SQUEEZED.format(stage=stage, spare=spare)
-    words = ["approximate", tmp_path / "wide.obj", "-o", tmp_path / "out.obj", "--report", tmp_path / "report.json"]
+    words = ["approximate", tmp_path / "wide.obj", "-o", tmp_path / output, "--report", tmp_path / "report.json"]
     command = [sys.executable, "-c", code, *words, "--iterations", "2", "--sweeps", "0", "--workers", "1"]
     return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
@@ -324,6 +324,19 @@ def test_a_finished_surface_is_written_where_memory_is_too_short_to_measure_it(t
     away = np.linalg.norm(after - before, axis=1)
     assert 0.0 < away.max() < 1e-3
     assert not (tmp_path / "report.json").exists()
+
+
+def test_a_scene_has_the_surface_where_memory_is_too_short_to_keep_its_functions(tmp_path: Path) -> None:
+    done = squeezed(tmp_path, "Measuring", 24 << 20, "out.blend")
+    assert done.returncode == 1, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert "not enough memory" in line
+    code = "import bpy, sys, os; bpy.ops.wm.open_mainfile(filepath=sys.argv[1])\n"
+    code += "print(*bpy.data.objects.keys(), sep='|'); sys.stdout.flush(); os._exit(0)"
+    command = [sys.executable, "-c", code, str(tmp_path / "out.blend")]
+    listed = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "wide Sparse Surface" in listed.stdout.splitlines()[-1].split("|")
+    assert "wide Sparse Surface.001" not in listed.stdout
 
 
 def test_too_little_memory_to_fit_is_one_sentence(tmp_path: Path) -> None:
