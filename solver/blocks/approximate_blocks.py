@@ -16,6 +16,7 @@ from ..approximation.report import Stopwatch
 from ..approximation.welded import Welded, held_together
 from ..arrays import Array, Indices
 from ..errors import SettingsError
+from ..mesh.welding import may_coincide
 from ..processes.memory import peak_memory_mb
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
@@ -200,6 +201,8 @@ def _refuse_whole(settings: Settings) -> None:
 def _welded(given: LargeMesh, vertices: Any, faces: Any, settings: Settings) -> tuple[LargeMesh, Welded | None]:
     """Hold vertices at one place together before the mesh is cut; arrays in files only where a distance is given."""
     if isinstance(vertices, np.memmap) and not settings.merge_distance:
+        return given, None
+    if not may_coincide(given.positions, settings.merge_distance):
         return given, None
     weights = given.weights
     welded = held_together(MeshInput(given.positions, faces, None, weights, sharp_edges=given.sharp_edges), settings)

@@ -8,6 +8,7 @@ coincide and their triangles continue each other; so two sheets that lie on top 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,13 @@ ROUNDINGS = 2.0
 
 MOST_NEIGHBOURS = 64
 """A distance within which a border vertex has more others than this, on average, is no distance between copies."""
+
+
+CELL_MARGIN = 0.01
+"""By what share the cells in which copies are looked for are larger than they need be: more than rounding takes."""
+
+LARGEST_KEY = 2.0**62
+ROWS_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +78,39 @@ def automatic_distance(vertices: NDArray[np.generic], triangles: Indices) -> flo
         sides = points[triangles] - points[np.roll(triangles, -1, axis=1)]
         distance = min(distance, SHARE_OF_A_SIDE * float(np.median(length_of(sides.reshape(-1, 3)))))
     return max(distance, ROUNDINGS * step * float(np.median(np.abs(points).max(axis=1))))
+
+
+def may_coincide(vertices: NDArray[np.floating[Any]], distance: float) -> bool:
+    """Whether some of the vertices (V, 3) may be copies; if not, none are, and `find_weld` need not be asked.
+
+    Two vertices within a distance d are in one cell of a grid of cells 2 d long, or of one that is moved by d along
+    some of the axes.  That takes 9 bytes a vertex, where finding the copies takes more than 500.
+
+    Parameters
+    ----------
+    vertices
+        Finite positions.
+    distance
+        Within which vertices are copies; 0: within `automatic_distance`, which the cells are certain to exceed.
+    """
+    low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+    step = float(np.finfo(vertices.dtype).eps)
+    largest = float(np.abs([low, high]).max())
+    reach = distance or max(COINCIDENT * float((high - low).max()), ROUNDINGS * step * largest)
+    cell = 2.0 * reach * (1.0 + CELL_MARGIN)
+    if cell == 0.0 or float(np.prod((high - low) / cell + 2.0)) > LARGEST_KEY:
+        return True
+    sides = ((high - low) / cell).astype(np.int64) + 2
+    keys = np.empty(len(vertices), dtype=np.int64)
+    for moved in np.ndindex(2, 2, 2):
+        for start in range(0, len(keys), ROWS_AT_ONCE):
+            part = vertices[start : start + ROWS_AT_ONCE].astype(np.float64)
+            x, y, z = ((part - low) / cell + np.multiply(moved, 0.5)).astype(np.int64).T
+            keys[start : start + ROWS_AT_ONCE] = (x * sides[1] + y) * sides[2] + z
+        keys.sort()
+        if (keys[1:] == keys[:-1]).any():
+            return True
+    return False
 
 
 def find_weld(points: Array, triangles: Indices, distance: float) -> Weld | None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sparse_surface.solver.errors import InputError
-from sparse_surface.solver.mesh.welding import automatic_distance, find_weld
+from sparse_surface.solver.mesh.welding import automatic_distance, find_weld, may_coincide
 
 GRID = 5
 
@@ -112,3 +112,21 @@ def test_a_distance_beyond_the_details_is_refused() -> None:
     points, triangles = sheet(30)
     with pytest.raises(InputError, match="larger than the details"):
         find_weld(*soup(points, triangles), 50.0)
+
+
+def test_copies_are_never_overlooked_and_seldom_supposed() -> None:
+    random = np.random.default_rng(5)
+    grid = np.stack(np.meshgrid(*3 * [np.arange(12.0)], indexing="ij"), axis=-1).reshape(-1, 3)
+    for kind in (np.float32, np.float64):
+        places = (grid + random.uniform(-0.2, 0.2, grid.shape)).astype(kind)
+        distance = automatic_distance(places, np.zeros((0, 3), dtype=np.int64))
+        assert not may_coincide(places, 0.0)
+        assert not may_coincide(places, 0.05)
+        for _ in range(50):
+            direction = random.normal(size=3)
+            near = places[random.integers(len(places))] + 0.7 * distance * direction / np.linalg.norm(direction)
+            assert may_coincide(np.concatenate([places, [near.astype(kind)]]), 0.0)
+            far = places[random.integers(len(places))] + 0.049 * direction / np.linalg.norm(direction)
+            assert may_coincide(np.concatenate([places, [far.astype(kind)]]), 0.05)
+    assert may_coincide(np.zeros((3, 3)), 0.0)
+    assert may_coincide(grid, 1e-9)  # more cells than can be numbered
