@@ -149,9 +149,8 @@ static void bound_part(const Parts *parts, int64_t part, const double *values, d
     double coefficients[3][MOST_PLACES] = {{0.0}}, upper = 0.0, lower = 0.0;
     for (int l = 0; l < places; l++) {
         const double *restrict row = parts->to_bernstein + (size_t)l * places, *value = values + 3 * l;
-        for (int j = 0; j < places; j++) coefficients[0][j] += row[j] * value[0];
-        for (int j = 0; j < places; j++) coefficients[1][j] += row[j] * value[1];
-        for (int j = 0; j < places; j++) coefficients[2][j] += row[j] * value[2];
+        for (int d = 0; d < 3; d++)
+            for (int j = 0; j < places; j++) coefficients[d][j] += row[j] * value[d];
         lower = larger(lower, value[0] * value[0] + value[1] * value[1] + value[2] * value[2]);
     }
     for (int j = 0; j < places; j++) {

@@ -12,7 +12,7 @@ typedef struct {
 } Closing;
 
 /* Add (lambda_v + lambda_w) B_e(lambda_w / (lambda_v + lambda_w)) for lambda_v = start, lambda_w = end. */
-static void add_along(const Closing *closing, int64_t edge, double start, double end, double *correction) {
+static ONE_COPY void add_along(const Closing *closing, int64_t edge, double start, double end, double *correction) {
     double total = start + end, place = total > 0.0 ? (end - start) / total : 0.0;
     double before = 1.0, now = place, sum[3];
     const double *terms = closing->polynomials + 3 * (size_t)(edge * closing->terms);

@@ -28,6 +28,8 @@
 #else
 #define EXPORTED __attribute__((visibility("default")))
 #endif
+/* A function that is called often from several places: a copy at each would only make the library larger. */
+#define ONE_COPY __attribute__((noinline))
 #define ENTRY(name) EXPORTED WITH_SUFFIX(name, INSTRUCTIONS)
 
 typedef enum { DONE = 0, OUT_OF_MEMORY = 1, NOT_IN_A_TRIANGLE = 2, UNKNOWN_FUNCTION = 3 } Status;

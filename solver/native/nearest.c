@@ -33,8 +33,8 @@ static double within_side(double x) { return smaller(larger(x, 0.0), 1.0); }
  * The squared distance is a quadratic function of the shares (v, w); its minimum over the triangle is the free minimum,
  * or lies on one of the sides v = 0, w = 0, v + w = 1.  In a thin triangle the free one may be all rounding, so it has to
  * be the smallest. */
-static void distances_from_block(const double *block, const double *place, double *restrict squared,
-                                 double *restrict shares_v, double *restrict shares_w) {
+static ONE_COPY void distances_from_block(const double *block, const double *place, double *restrict squared,
+                                          double *restrict shares_v, double *restrict shares_w) {
     const double(*row)[GROUP] = (const double(*)[GROUP])block;
     for (int n = 0; n < GROUP; n++) {
         double x = place[0] - row[0][n], y = place[1] - row[1][n], z = place[2] - row[2][n];
@@ -62,7 +62,7 @@ static void distances_from_block(const double *block, const double *place, doubl
     }
 }
 
-static void try_block(const Groups *groups, int64_t block, const double *place, Found *found) {
+static ONE_COPY void try_block(const Groups *groups, int64_t block, const double *place, Found *found) {
     double squared[GROUP], v[GROUP], w[GROUP];
     const int64_t *number = groups->number + GROUP * block;
     distances_from_block(groups->triangles + TRIANGLE_ROWS * GROUP * block, place, squared, v, w);
@@ -73,8 +73,8 @@ static void try_block(const Groups *groups, int64_t block, const double *place, 
 }
 
 /* Put the groups of a block that may hold something nearer on the stack, the nearest last. */
-static void push_block(const Groups *groups, int64_t level, int64_t block, const double *place, double nearest,
-                       Waiting *stack, int *height) {
+static ONE_COPY void push_block(const Groups *groups, int64_t level, int64_t block, const double *place, double nearest,
+                                Waiting *stack, int *height) {
     const double(*row)[GROUP] = (const double(*)[GROUP])(groups->boxes +
                                                          BOX_ROWS * GROUP * (groups->first[level] + block));
     double squared[GROUP];

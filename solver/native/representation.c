@@ -56,8 +56,8 @@ static Arena memory_for_block(const Functions *functions, Block *block) {
 }
 
 /* Values (count) of the sparse combination of one coordinate of a patch, from tables (t + 1, count). */
-static void combine(const Functions *functions, const Block *block, int64_t patch, int axis, const double *restrict u,
-                    const double *restrict v, int count, double *restrict values) {
+static ONE_COPY void combine(const Functions *functions, const Block *block, int64_t patch, int axis,
+                             const double *restrict u, const double *restrict v, int count, double *restrict values) {
     size_t row = ((size_t)patch * 3 + axis) * functions->width;
     memset(values, 0, sizeof(double) * (size_t)count);
     for (int64_t k = 0; k < functions->width; k++) {
@@ -71,7 +71,7 @@ static void combine(const Functions *functions, const Block *block, int64_t patc
 }
 
 /* Tables of the polynomials at the block's places; returns the length of their rows. */
-static int tabulate(const Functions *functions, Block *block, int count, bool slopes) {
+static ONE_COPY int tabulate(const Functions *functions, Block *block, int count, bool slopes) {
     int degree = (int)functions->degree, stride = padded(count);
     bool legendre = functions->legendre != 0;
     for (int n = count; n < stride; n++) block->place_u[n] = block->place_v[n] = 0.0;
@@ -166,8 +166,8 @@ static void place_block(const Blend *blend, Block *block, int channel, int count
 }
 
 /* Add a patch's part at the points of a block. */
-static void add_block(const Functions *functions, const Blend *blend, Block *block, int64_t patch, int count,
-                      const double *inside, bool tangents, double *points) {
+static ONE_COPY void add_block(const Functions *functions, const Blend *blend, Block *block, int64_t patch, int count,
+                               const double *inside, bool tangents, double *points) {
     weigh_block(blend, block, count, inside);
     for (int c = 0; c < functions->channels; c++) {
         place_block(blend, block, c, count, inside);

@@ -53,8 +53,8 @@ static int64_t cell_of(const Limits *limits, double x) {
 }
 
 /* Column n of `largest` over the interval [low, high] of one parameter. */
-static void limits_over(const Limits *limits, double low, double high, int rows, int n, int lanes,
-                        double *const *largest) {
+static ONE_COPY void limits_over(const Limits *limits, double low, double high, int rows, int n, int lanes,
+                                 double *const *largest) {
     int64_t first = cell_of(limits, low), last = cell_of(limits, high), level = 0;
     while (((int64_t)2 << level) <= last - first + 1) level++;
     int64_t second = last + 1 - ((int64_t)1 << level);
@@ -85,7 +85,7 @@ static void expand(const Functions *functions, const Limits *limits, Expansion *
 }
 
 /* Sums over the chosen functions of one coordinate: its derivatives at the centres, and its largest of order m. */
-static void sum_functions(const Functions *functions, Expansion *own, int64_t patch, int axis) {
+static ONE_COPY void sum_functions(const Functions *functions, Expansion *own, int64_t patch, int axis) {
     size_t row = ((size_t)patch * 3 + axis) * functions->width, bytes = sizeof(double) * (size_t)own->lanes;
     int order = own->order, lanes = own->lanes;
     for (int k = 0; k < order * (order + 1) / 2; k++) memset(own->slopes[axis][k], 0, bytes);
@@ -113,7 +113,7 @@ static void sum_functions(const Functions *functions, Expansion *own, int64_t pa
 }
 
 /* Powers x^a / a! for a <= m of a block's numbers, a row an exponent. */
-static void powers(const double *x, int order, int lanes, double *restrict out) {
+static ONE_COPY void powers(const double *x, int order, int lanes, double *restrict out) {
     for (int n = 0; n < lanes; n++) out[n] = 1.0;
     for (int a = 1; a <= order; a++)
         for (int n = 0; n < lanes; n++) out[a * lanes + n] = out[(a - 1) * lanes + n] * x[n] / a;
@@ -133,7 +133,7 @@ static void powers_at(Expansion *own, const double *place) {
 }
 
 /* The Taylor polynomials of one coordinate at the place of `powers_at`. */
-static void polynomials_at(const Expansion *own, int axis, double *restrict values) {
+static ONE_COPY void polynomials_at(const Expansion *own, int axis, double *restrict values) {
     int lanes = own->lanes;
     for (int n = 0; n < lanes; n++) values[n] = 0.0;
     for (int a = 0, slope = 0; a < own->order; slope += own->order - a, a++) {

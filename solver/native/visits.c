@@ -23,8 +23,8 @@ static void forget_visits(Visits *visits) {
 }
 
 /* Find the pairs of things that lie in these mesh triangles, sorted by counting; tells whether memory sufficed. */
-static bool find_visits(int64_t patches, const Holders *holders, const int64_t *triangle, int64_t things,
-                        Visits *visits) {
+static ONE_COPY bool find_visits(int64_t patches, const Holders *holders, const int64_t *triangle, int64_t things,
+                                 Visits *visits) {
     int64_t pairs = 0;
     for (int64_t k = 0; k < things; k++) pairs += holders->starts[triangle[k] + 1] - holders->starts[triangle[k]];
     visits->starts = calloc((size_t)patches + 2, sizeof(int64_t));
