@@ -39,7 +39,7 @@ class PaperModel:
     vertices: int
     patches: int
     minutes: float
-    methods: tuple[str, ...] = ("traditional", "printed", "settling", "freer", "default")
+    methods: tuple[str, ...] = ("traditional", "printed", "settling", "freer", "default", "creased")
 
     @property
     def key(self) -> str:
@@ -66,7 +66,7 @@ PAPER_MODELS = (
     PaperModel("Cylinder", "cylinder", True, 2732, 39, 1.63),
     PaperModel("Fandisk", "fandisk.obj", True, 6475, 88, 4.5),
     PaperModel("Flower", "flower", True, 7919, 97, 5.01),
-    PaperModel("Bird", "detailed", False, 55955, 882, 27.8, ("traditional", "printed", "default")),
+    PaperModel("Bird", "detailed", False, 55955, 882, 27.8, ("traditional", "printed", "default", "creased")),
     PaperModel("Bunny", "stanford-bunny.ply", False, 35947, 551, 19.1),
 )
 

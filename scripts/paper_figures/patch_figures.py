@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 from sparse_surface.solver import Approximation, Representation, Settings, approximate
 
-from .measurements import FREER, PRINTED, SETTLING, STEPWISE, Notebook, rounded, unit
+from .measurements import DEFAULT, FREER, PRINTED, SETTLING, STEPWISE, Notebook, rounded, unit
 from .models import PAPER_MODELS
 from .page import Page
 from .scalar import Fitted, Patch, bent_crease, fit, grid_patch, iterates, smooth
@@ -23,7 +23,7 @@ VIEW = View(azimuth=-40.0, elevation=38.0)
 FREE = replace(FREER, observations="vertices")
 """Beta per vertex, on vertices alone as in the paper."""
 
-TRADITIONAL, DEFAULT = Settings(method="traditional"), Settings()
+TRADITIONAL = Settings(method="traditional")
 
 
 SMOOTH, CREASE = grid_patch(smooth), grid_patch(bent_crease)

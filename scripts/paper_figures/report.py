@@ -21,6 +21,7 @@ METHODS = {
     "settling": "paper, settling",
     "freer": "paper, freer",
     "default": "default",
+    "creased": "with creases",
 }
 
 
@@ -88,10 +89,18 @@ class Values(dict[str, Any]):
         entry: dict[str, Any] = self.section("models")[f"{model} {method}"]
         return entry
 
+    def run_if_made(self, model: PaperModel, method: str) -> dict[str, Any] | None:
+        """Return what a run gave; None where the method was not run on the model."""
+        return self.section("models").get(f"{model.key} {method}") if method in model.methods else None
+
     def runs(self) -> list[PaperModel]:
-        """Return the models that were measured."""
+        """Return the models that were measured; runs with creases came later than the others and may be missing."""
         have = self.section("models").keys()
-        found = [model for model in PAPER_MODELS if {f"{model.key} {method}" for method in model.methods} <= have]
+        needed = {
+            model: {f"{model.key} {method}" for method in model.methods if method != "creased"}
+            for model in PAPER_MODELS
+        }
+        found = [model for model, names in needed.items() if names <= have]
         if not found:
             raise Missing("no models")
         return found
@@ -204,7 +213,7 @@ def figure_10_table(values: Values) -> str:
     columns = ("patches", "rms at vertices", "surface rms")
     head = ["Cube", *(f"k = {ring}: {column}" for ring in RINGS for column in columns)]
     rows = []
-    for name in ("paper as printed", "default"):
+    for name in ("paper as printed", "default", "with creases"):
         cells = [entries[f"{name} {ring}"] for ring in RINGS]
         texts = ([str(e["patches"]), f"{e['vertex_rms']:.1e}", f"{e['surface_rms']:.1e}"] for e in cells)
         rows.append([name, *(text for three in texts for text in three)])
@@ -227,16 +236,15 @@ def left_out(values: Values) -> str:
 def errors_table(values: Values) -> str:
     rows = []
     for model in values.runs():
-        runs = [values.run(model.key, method) if method in model.methods else None for method in METHODS]
+        runs = [values.run_if_made(model, method) for method in METHODS]
         rows.append([model.name, *(f"{r['surface_rms']:.1e} / {r['surface_max']:.1e}" if r else "" for r in runs)])
     return table(["model", *METHODS.values()], rows)
 
 
 def ratio(values: Values, model: PaperModel, worse: str, better: str) -> float | None:
     """Return how many times the surface rms of one method is that of another; None where one was not run."""
-    if not {worse, better} <= set(model.methods):
-        return None
-    return float(values.run(model.key, worse)["surface_rms"] / values.run(model.key, better)["surface_rms"])
+    one, other = (values.run_if_made(model, method) for method in (worse, better))
+    return None if one is None or other is None else float(one["surface_rms"] / other["surface_rms"])
 
 
 PAIRS = (
@@ -245,33 +253,52 @@ PAIRS = (
     ("printed", "freer"),
     ("freer", "default"),
     ("printed", "default"),
+    ("default", "creased"),
 )
 
 
+FLIPS = ("printed", "freer", "default")
+
+EXACT = 1000.0
+"""From this ratio on the better of two surfaces is the input itself, to rounding."""
+
+
+def times(ratio: float) -> str:
+    """A ratio with two places, or its power of ten where one of the two is exact."""
+    return f"{ratio:.2f}" if ratio < EXACT else f"{ratio:.0e}"
+
+
 def ratios_table(values: Values) -> str:
-    head = ["model", *(f"{one} / {other}" for one, other in PAIRS), "flips: printed", "freer", "default"]
+    head = [
+        "model",
+        *(f"{one} / {other}".replace("creased", "with creases") for one, other in PAIRS),
+        "flips: printed",
+        *FLIPS[1:],
+    ]
     rows = []
     for model in values.runs():
         found = (ratio(values, model, *pair) for pair in PAIRS)
-        runs = [values.run(model.key, m) if m in model.methods else None for m in ("printed", "freer", "default")]
+        runs = [values.run_if_made(model, method) for method in FLIPS]
         flips = ("" if run is None else str(run["flips"]) for run in runs)
-        rows.append([model.name, *("" if r is None else f"{r:.2f}" for r in found), *flips])
+        rows.append([model.name, *("" if r is None else times(r) for r in found), *flips])
     return table(head, rows)
 
 
 def largest_error(values: Values, method: str) -> float:
-    runs = (values.run(model.key, method) for model in values.runs() if method in model.methods)
-    return max(float(run["vertex_max"]) for run in runs)
+    runs = (values.run_if_made(model, method) for model in values.runs())
+    return max((float(run["vertex_max"]) for run in runs if run is not None), default=float("nan"))
 
 
 def table_1(values: Values) -> str:
     head = [
         "model", "vertices: paper", "ours", "patches: paper", "ours", "difference", "paper, minutes",
-        "traditional, units", "as printed, units", "default, units", "as printed, s", "default, s",
+        "traditional, units", "as printed, units", "default, units", "with creases, units",
+        "as printed, s", "default, s", "with creases, s",
     ]  # fmt: skip
     rows = []
     for model in values.runs():
         runs = {method: values.run(model.key, method) for method in ("traditional", "printed", "default")}
+        creased = values.run_if_made(model, "creased")
         patches = runs["printed"]["patches"]
         rows.append(
             [
@@ -283,7 +310,9 @@ def table_1(values: Values) -> str:
                 f"{patches / model.patches - 1.0:+.0%}",
                 f"{model.minutes:g}",
                 *(f"{run['units']:.0f}" for run in runs.values()),
+                "" if creased is None else f"{creased['units']:.0f}",
                 *(f"{runs[method]['seconds']:.3g}" for method in ("printed", "default")),
+                "" if creased is None else f"{creased['seconds']:.3g}",
             ]
         )
     return table(head, rows)
@@ -366,6 +395,7 @@ DERIVED: dict[str, Callable[[Values], Any]] = {
     "default_flips": lambda v: sum(v.run(model.key, "default")["flips"] for model in v.runs()),
     "largest_printed": lambda v: largest_error(v, "printed"),
     "largest_freer": lambda v: largest_error(v, "freer"),
+    "largest_creased": lambda v: largest_error(v, "creased"),
     "largest_default": lambda v: largest_error(v, "default"),
     "table_1": table_1,
     "paper_bunny": paper_bunny,

@@ -12,7 +12,7 @@ from sparse_surface.solver import Approximation, Representation, approximate
 from sparse_surface.solver.surface.metrics import statistics
 from sparse_surface.solver.surface.overlaps import overlap_gaps
 
-from .measurements import DEFAULT, PRINTED, Notebook, measured, rounded
+from .measurements import CREASED, DEFAULT, PRINTED, Notebook, measured, rounded
 from .models import PAPER_MODELS, PaperModel
 from .page import Page
 from .patch_figures import facing, patch_parts
@@ -23,6 +23,7 @@ Indices = NDArray[np.int64]
 
 CUBE, CYLINDER = PAPER_MODELS[0], PAPER_MODELS[2]
 COMPARED = {"paper as printed": PRINTED, "default": DEFAULT}
+WITH_CREASES = {**COMPARED, "with creases": CREASED}
 
 VIEWS = {
     "fandisk": View(azimuth=-60.0, elevation=30.0, up="Y"),
@@ -131,9 +132,9 @@ def figure_10(notebook: Notebook) -> Path:
     """Patches of 5, 7 and 10 rings."""
     vertices, faces = CUBE.load()
     rings = (5, 7, 10)
-    page = Page(2, 2 * len(rings) + 1, width=1.8, height=1.7)
+    page = Page(len(WITH_CREASES), 2 * len(rings) + 1, width=1.8, height=1.7)
     page.picture(0, 0, shoot([Shown(vertices, faces, BLUE)]), "input")
-    for row, (name, settings) in enumerate(COMPARED.items()):
+    for row, (name, settings) in enumerate(WITH_CREASES.items()):
         for place, ring in enumerate(rings):
             result = approximate(vertices, faces, replace(settings, ring=ring))
             relative, patches = result.report["relative"], result.report["patches"]
@@ -150,7 +151,9 @@ def figure_10(notebook: Notebook) -> Path:
 
 # ---------------------------------------------------------------------------------------- Fig. 11, Fig. 12 and Table 1
 
-LABELS = {"printed": "paper", "freer": "paper, freer", "default": "default"}
+LABELS = {"printed": "paper", "freer": "paper, freer", "default": "default", "creased": "with creases"}
+LAST = 1 + 2 * len(LABELS)
+"""The last column of a gallery, which has the scale beside it."""
 
 
 def gallery(number: int, chosen: list[PaperModel], notebook: Notebook) -> Path:
@@ -162,7 +165,7 @@ def gallery(number: int, chosen: list[PaperModel], notebook: Notebook) -> Path:
         notebook.write("left out", {f"figure {number}": left_out})
     for model in chosen:
         notebook.clear("models", f"{model.key} ")
-    page = Page(max(len(models), 1), 8, width=1.75, height=1.55)
+    page = Page(max(len(models), 1), LAST + 1, width=1.75, height=1.55)
     for row, model in enumerate(models):
         draw_model(page, row, model, notebook)
     return page.save(f"figure_{number}")
@@ -188,7 +191,7 @@ def draw_model(page: Page, row: int, model: PaperModel, notebook: Notebook) -> N
             shape = np.asarray(results[method].vertices, dtype=np.float64)
             draw(2 + 2 * column, Shown(shape, faces, CYAN), label)
             draw(3 + 2 * column, heat(results[method], faces, largest), rms(method))
-    page.colour_bar(row, 7, largest)
+    page.colour_bar(row, LAST, largest)
 
 
 def figure_11(notebook: Notebook) -> Path:
