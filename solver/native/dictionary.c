@@ -36,18 +36,20 @@ static void polynomial_tables(double *restrict table, const double *restrict x, 
     }
 }
 
-/* First derivatives (t + 1, N) of the one-variable polynomials from their values. */
-static void derivative_tables(double *restrict slope, const double *restrict table, int degree, bool legendre,
-                              int count) {
+/* First derivatives (t + 1, count) of the one-variable polynomials from their values; `row` and `stride` numbers lie
+ * between the beginnings of their rows. */
+static void derivative_tables(double *restrict slope, int row, const double *restrict table, int stride, int degree,
+                              bool legendre, int count) {
     memset(slope, 0, sizeof(double) * (size_t)count);
     for (int k = 1; k <= degree; k++) {
         /* P'_k = P'_{k-2} + (2k - 1) P_{k-1}, chain rule for the stretched support */
         double scale = legendre ? (2 * k - 1) / LEGENDRE_SUPPORT : k;
-        const double *lower = table + (size_t)(k - 1) * count;
-        double *own = slope + (size_t)k * count;
-        for (int n = 0; n < count; n++) own[n] = scale * lower[n];
+        const double *lower = table + (size_t)(k - 1) * stride;
+        double *own = slope + (size_t)k * row;
         if (legendre && k >= 2)
-            for (int n = 0; n < count; n++) own[n] += own[n - 2 * count];
+            for (int n = 0; n < count; n++) own[n] = own[n - 2 * row] + scale * lower[n];
+        else
+            for (int n = 0; n < count; n++) own[n] = scale * lower[n];
     }
 }
 
@@ -90,7 +92,7 @@ void ENTRY(polynomial_tables)(double *table, const double *x, int64_t degree, in
 }
 
 void ENTRY(derivative_tables)(double *slope, const double *table, int64_t degree, int64_t legendre, int64_t count) {
-    derivative_tables(slope, table, (int)degree, legendre != 0, (int)count);
+    derivative_tables(slope, (int)count, table, (int)count, (int)degree, legendre != 0, (int)count);
 }
 
 void ENTRY(product_coefficients)(double *coefficients, int64_t degree, int64_t legendre) {

@@ -1,10 +1,11 @@
 /* The linear system of the default patch solver (fitting/methods/gauss_newton.py).
  *
  * The Jacobian of signal d's residual is -(I - Q_d^T Q_d) G_d W: W takes the vertices' moves to the observations, G_d
- * are the fitted function's gradients there, and the projection takes out what the coefficients make good (Kaufman
- * 1975).  NumPy applies these factors one after the other.  Here the system is put together,
+ * are the fitted function's gradients there, and the projection Q_d^T Q_d = F_d^T (F_d F_d^T)^-1 F_d on the functions
+ * takes out what the coefficients make good (Kaufman 1975).  NumPy applies these factors one after the other.  Here the
+ * system is put together,
  *
- *     sum_d W^T G_d^T G_d W  -  sum_d (Q_d G_d W)^T (Q_d G_d W)  +  (beta1 + damping) I  +  beta2 L,
+ *     sum_d W^T G_d^T G_d W  -  sum_d (F_d G_d W)^T (F_d F_d^T)^-1 (F_d G_d W)  +  (beta1 + damping) I  +  beta2 L,
  *
  * the first and the last terms as 2 x 2 blocks over vertices that share a triangle, the second as D s rows: a product
  * with it then costs half as much (measured).  Only a direction comes of it, so single precision does.
@@ -19,37 +20,98 @@ static const double LARGEST_SLOPE = 1e6; /* systems with steeper functions are d
 /* The six ordered pairs of an observation's corners. */
 static const int PAIR_FROM[6] = {0, 1, 0, 2, 1, 2}, PAIR_TO[6] = {1, 0, 2, 0, 2, 1};
 
+/* Number the vertices for the system by how many triangles have them: loops over what belongs to a vertex then hardly
+ * ever differ in length from one to the next, and processors foresee their ends (measured: products with the sparse part
+ * take half the time). */
+static void number_vertices(Placed *placed) {
+    int32_t *triangles = placed->end, *begin = placed->neighbour;
+    memset(triangles, 0, sizeof(int32_t) * (size_t)placed->padded_vertices);
+    for (int k = 0; k < 3 * placed->triangle_count; k++) triangles[placed->triangles[k]]++;
+    memset(begin, 0, sizeof(int32_t) * ((size_t)placed->triangle_count + 1));
+    for (int v = 0; v < placed->vertices; v++) begin[triangles[v]]++;
+    for (int count = 0, total = 0; count <= placed->triangle_count; count++) {
+        total += begin[count];
+        begin[count] = total - begin[count];
+    }
+    for (int v = 0; v < placed->vertices; v++) placed->place[v] = begin[triangles[v]]++;
+    for (int v = placed->vertices; v < placed->padded_vertices; v++) placed->place[v] = v;
+}
+
 static int neighbour_place(const Placed *placed, int from, int to) {
     for (int e = placed->first[from]; e < placed->end[from]; e++)
-        if (placed->neighbour[e] == to) return e;
+        if (placed->neighbour[e] == 2 * to) return e;
     return -1;
 }
 
-/* List the vertices that share a triangle with each, and find where the observations' pairs of corners stand. */
-static Status find_neighbours(Placed *placed) {
+/* List the vertices that share a triangle with each, and find where the triangles' pairs of corners stand.  Where their
+ * number is odd, the vertex itself makes it even; nothing is ever added to that entry. */
+static void find_neighbours(Placed *placed) {
     int total = 0;
-    memset(placed->end, 0, sizeof(int32_t) * (size_t)placed->vertices);
-    for (int k = 0; k < 3 * placed->triangle_count; k++) placed->end[placed->triangles[k]] += 2;
+    memset(placed->end, 0, sizeof(int32_t) * (size_t)placed->padded_vertices);
+    for (int k = 0; k < 3 * placed->triangle_count; k++) placed->end[placed->place[placed->triangles[k]]] += 2;
     for (int v = 0; v < placed->vertices; v++) {
         int room = placed->end[v];
         placed->first[v] = placed->end[v] = total;
         total += room;
     }
-    for (int k = 0; k < placed->triangle_count; k++)
+    for (int k = 0; k < placed->triangle_count; k++) {
+        const int32_t *corner = placed->triangles + 3 * k;
         for (int pair = 0; pair < 6; pair++) {
-            int from = placed->triangles[3 * k + PAIR_FROM[pair]], to = placed->triangles[3 * k + PAIR_TO[pair]];
-            if (neighbour_place(placed, from, to) < 0) placed->neighbour[placed->end[from]++] = to;
+            int from = placed->place[corner[PAIR_FROM[pair]]], to = placed->place[corner[PAIR_TO[pair]]];
+            int entry = neighbour_place(placed, from, to);
+            if (entry < 0) placed->neighbour[entry = placed->end[from]++] = 2 * to;
+            placed->triangle_pairs[6 * k + pair] = entry;
         }
-    for (int n = 0; n < placed->observations; n++)
-        for (int pair = 0; pair < 6; pair++) {
-            const int32_t *corner = placed->corners + 3 * n;
-            const double *share = placed->shares + 3 * (size_t)n;
-            bool counts = share[PAIR_FROM[pair]] != 0.0 && share[PAIR_TO[pair]] != 0.0;
-            int place = counts ? neighbour_place(placed, corner[PAIR_FROM[pair]], corner[PAIR_TO[pair]]) : 0;
-            if (place < 0) return NOT_IN_A_TRIANGLE;
-            placed->pairs[6 * n + pair] = place;
-        }
+    }
+    for (int v = 0; v < placed->vertices; v++)
+        if ((placed->end[v] - placed->first[v]) % 2) placed->neighbour[placed->end[v]++] = 2 * v;
+}
+
+/* Where the pairs of an observation's corners stand, (6); an observation at one corner has none. */
+static Status pairs_of(const Placed *placed, const int32_t *corner, const double *share, int32_t *pairs) {
+    for (int pair = 0; pair < 6; pair++) {
+        bool counts = share[PAIR_FROM[pair]] != 0.0 && share[PAIR_TO[pair]] != 0.0;
+        int from = placed->place[corner[PAIR_FROM[pair]]], to = placed->place[corner[PAIR_TO[pair]]];
+        pairs[pair] = counts ? neighbour_place(placed, from, to) : 0;
+        if (pairs[pair] < 0) return NOT_IN_A_TRIANGLE;
+    }
     return DONE;
+}
+
+/* Find where the observations' pairs of corners stand.  Most observations follow each other as their triangles do, so
+ * that little is to be searched. */
+static Status find_pairs(Placed *placed) {
+    for (int n = 0, at = 0; n < placed->observations; n++) {
+        const int32_t *corner = placed->corners + 3 * n, *triangle = placed->triangles + 3 * at;
+        size_t size = 3 * sizeof *corner;
+        if (at + 1 < placed->triangle_count && memcmp(corner, triangle + 3, size) == 0) at++, triangle += 3;
+        if (placed->triangle_count && memcmp(corner, triangle, size) == 0) {
+            memcpy(placed->pairs + 6 * n, placed->triangle_pairs + 6 * at, 6 * sizeof *corner);
+            continue;
+        }
+        Status status = pairs_of(placed, corner, placed->shares + 3 * (size_t)n, placed->pairs + 6 * n);
+        if (status != DONE) return status;
+    }
+    return DONE;
+}
+
+/* List the observations that each vertex has a share of: W, column by column. */
+static void find_columns(Placed *placed) {
+    int32_t *end = placed->column_end;
+    memset(end, 0, sizeof(int32_t) * (size_t)placed->padded_vertices);
+    for (int k = 0; k < 3 * placed->observations; k++) end[placed->place[placed->corners[k]]] += placed->shares[k] != 0.0;
+    for (int v = 0, total = 0; v < placed->padded_vertices; v++) {
+        int room = end[v];
+        end[v] = total;
+        total += room;
+    }
+    for (int n = 0; n < placed->observations; n++)
+        for (int k = 3 * n; k < 3 * n + 3; k++) {
+            if (placed->shares[k] == 0.0) continue;
+            int entry = end[placed->place[placed->corners[k]]]++;
+            placed->column[entry] = n;
+            placed->column_share[entry] = placed->shares[k];
+        }
 }
 
 /* Area-weighted Laplacian of the initial domain, half the Hessian of Q2 with the rotations held. */
@@ -62,142 +124,187 @@ static void measure_laplacian(Placed *placed) {
         const int32_t *corner = placed->triangles + 3 * k;
         const double *u = placed->hat_u + 3 * k, *v = placed->hat_v + 3 * k;
         for (int a = 0; a < 3; a++)
-            placed->laplacian_diagonal[corner[a]] += (float)(placed->area[k] * (u[a] * u[a] + v[a] * v[a]));
+            placed->laplacian_diagonal[placed->place[corner[a]]] += (float)(placed->area[k] * (u[a] * u[a] + v[a] * v[a]));
         for (int pair = 0; pair < 6; pair++) {
             int a = PAIR_FROM[pair], b = PAIR_TO[pair];
-            placed->laplacian[neighbour_place(placed, corner[a], corner[b])] +=
-                (float)(placed->area[k] * (u[a] * u[b] + v[a] * v[b]));
+            placed->laplacian[placed->triangle_pairs[6 * k + pair]] += (float)(placed->area[k] * (u[a] * u[b] + v[a] * v[b]));
         }
     }
 }
 
-/* W^T (functions times slopes), (2 m, D s): what moving a vertex along u or v does to the sums over the functions. */
-static void collect_functions(const Placed *placed, const State *state, double unit) {
+/* What moving a vertex along u and along v does to the sums over some of a signal's functions, which stay in registers.
+ * (To add each observation to its corners takes twice as long.) */
+static inline void collect_some(const Placed *placed, const State *state, int vertex, int d, int column, double per_unit,
+                                int vectors, double *along_u, double *along_v) {
     int columns = placed->signals * placed->width, count = placed->padded_observations;
-    int vectors = placed->width / LANES, row = columns / LANES;
-    memset(state->system.observed, 0, sizeof(double) * 2 * (size_t)placed->padded_vertices * (size_t)columns);
-    for (int n = 0; n < placed->observations; n++) {
-        for (int corner = 0; corner < 3; corner++) {
-            double share = placed->shares[3 * (size_t)n + corner] / unit;
-            if (share == 0.0) continue;
-            const Lanes *functions = (const Lanes *)(state->fit.functions + (size_t)n * columns);
-            Lanes *along_u = (Lanes *)(state->system.observed + 2 * (size_t)placed->corners[3 * n + corner] * columns);
-            for (int d = 0; d < placed->signals; d++) {
-                double slope_u = share * state->gradient[(size_t)d * count + n];
-                double slope_v = share * state->gradient[(size_t)(placed->signals + d) * count + n];
-                for (int k = 0; k < vectors; k++, functions++, along_u++) {
-                    along_u[0] += slope_u * functions[0];
-                    along_u[row] += slope_v * functions[0];
-                }
-            }
+    const double *slope_u = state->gradient + (size_t)d * count, *slope_v = slope_u + (size_t)placed->signals * count;
+    Lanes sum_u[ROW / LANES] = {{0.0}}, sum_v[ROW / LANES] = {{0.0}};
+    for (int entry = vertex > 0 ? placed->column_end[vertex - 1] : 0; entry < placed->column_end[vertex]; entry++) {
+        int n = placed->column[entry];
+        double share = placed->column_share[entry] * per_unit, by_u = share * slope_u[n], by_v = share * slope_v[n];
+        const Lanes *functions = (const Lanes *)(state->fit.functions + (size_t)n * columns + column);
+        for (int k = 0; k < vectors; k++) {
+            sum_u[k] += by_u * functions[k];
+            sum_v[k] += by_v * functions[k];
+        }
+    }
+    for (int k = 0; k < vectors; k++) {
+        *(Lanes *)(along_u + column + k * LANES) = sum_u[k];
+        *(Lanes *)(along_v + column + k * LANES) = sum_v[k];
+    }
+}
+
+/* Two columns of F G W: what moving a vertex along u and along v does to the sums over the functions, (2, D s). */
+static void collect_functions(const Placed *placed, const State *state, int vertex, double per_unit, double *out) {
+    double *along_v = out + placed->signals * placed->width;
+    for (int d = 0; d < placed->signals; d++) {
+        int column = d * placed->width, end = column + placed->width;
+        for (; column + ROW <= end; column += ROW)
+            collect_some(placed, state, vertex, d, column, per_unit, ROW / LANES, out, along_v);
+        for (; column < end; column += PAD)
+            collect_some(placed, state, vertex, d, column, per_unit, PAD / LANES, out, along_v);
+    }
+}
+
+/* F G W, (D s, 2 m): two columns at a time are collected, and a vector of them is turned into rows. */
+static void collect(const Placed *placed, const State *state, double per_unit) {
+    int columns = placed->signals * placed->width, across = 2 * placed->padded_vertices;
+    double *tile = state->system.tile;
+    for (int v = 0; v < across; v += LANES) {
+        for (int k = 0; k < LANES; k += 2)
+            collect_functions(placed, state, (v + k) / 2, per_unit, tile + (size_t)k * columns);
+        for (int row = 0; row < columns; row += LANES) {
+            Lanes square[LANES];
+            for (int k = 0; k < LANES; k++) square[k] = *(const Lanes *)(tile + (size_t)k * columns + row);
+            turn(square);
+            for (int k = 0; k < LANES; k++)
+                *(SingleLanes *)(state->system.collected + (size_t)(row + k) * across + v) =
+                    __builtin_convertvector(square[k], SingleLanes);
         }
     }
 }
 
-/* Q G W = L^-1 (F G W), (D s, 2 m), for as many of the 2 m at a time as a vector holds. */
-static void project_functions(const Placed *placed, const State *state) {
-    int width = placed->width, columns = placed->signals * width, across = 2 * placed->padded_vertices;
-    Lanes *collected = (Lanes *)state->system.tile;
-    for (int d = 0; d < placed->signals; d++)
-        for (int v = 0; v < across; v += LANES) {
-            const double *observed = state->system.observed + (size_t)v * columns + d * width;
-            for (int j = 0; j < width; j++)
-                for (int lane = 0; lane < LANES; lane++) collected[j][lane] = observed[(size_t)lane * columns + j];
-            for (int k = 0; k < width; k += PAD) {
-                const double *factor = state->fit.inverse_factor + (size_t)(d * width + k) * width;
-                Lanes sum[PAD] = {{0.0}};
-                for (int j = 0; j < k + PAD; j++)
-                    for (int row = 0; row < PAD; row++) sum[row] += factor[row * width + j] * collected[j];
-                float *projected = state->system.projected + (size_t)(d * width + k) * across + v;
-                for (int row = 0; row < PAD; row++)
-                    for (int lane = 0; lane < LANES; lane++)
-                        projected[(size_t)row * across + lane] = (float)sum[row][lane];
-            }
-        }
+/* (F F^T)^-1 = L^-T L^-1 of each signal's functions, (D, s, s). */
+static void invert_normal(const Placed *placed, const State *state) {
+    int width = placed->width;
+    memset(state->system.normal_inverse, 0, sizeof(double) * (size_t)placed->signals * (size_t)(width * width));
+    for (int d = 0; d < placed->signals; d++) {
+        double *restrict inverse = state->system.normal_inverse + (size_t)d * width * width;
+        const double *restrict row = state->fit.inverse_factor + (size_t)d * width * width;
+        for (int k = 0; k < placed->sparsity; k++, row += width)
+            for (int i = 0; i <= k; i++)
+                for (int j = 0; j < width; j++) inverse[i * width + j] += row[i] * row[j];
+    }
+}
+
+static Quad scaled_identity(float scale) { return (Quad){scale, 0.0f, 0.0f, scale}; }
+
+/* G^T G at an observation. */
+static Quad squared_slopes(const Placed *placed, const State *state, int n, double per_unit) {
+    size_t count = (size_t)placed->padded_observations;
+    float uu = 0.0f, uv = 0.0f, vv = 0.0f;
+    for (int d = 0; d < placed->signals; d++) {
+        float u = (float)(state->gradient[d * count + n] * per_unit);
+        float v = (float)(state->gradient[(placed->signals + d) * count + n] * per_unit);
+        uu += u * u, uv += u * v, vv += v * v;
+    }
+    return (Quad){uu, uv, uv, vv};
 }
 
 /* The blocks: W^T G^T G W + beta2 L, and the shift on the diagonal. */
-static void sum_blocks(const Placed *placed, const State *state, double unit, float shift, float beta2) {
+static void sum_blocks(const Placed *placed, const State *state, double per_unit, float shift, float beta2) {
     const System *system = &state->system;
-    int count = placed->padded_observations, signals = placed->signals;
     for (int v = 0; v < placed->vertices; v++) {
-        float own = shift + beta2 * placed->laplacian_diagonal[v];
-        float *block = system->diagonal + 3 * v;
-        block[0] = own, block[1] = 0.0f, block[2] = own;
-        for (int e = placed->first[v]; e < placed->end[v]; e++) {
-            float *other = system->blocks + 3 * e;
-            other[0] = beta2 * placed->laplacian[e], other[1] = 0.0f, other[2] = other[0];
-        }
+        system->diagonal[v] = scaled_identity(shift + beta2 * placed->laplacian_diagonal[v]);
+        for (int e = placed->first[v]; e < placed->end[v]; e++)
+            system->blocks[e] = scaled_identity(beta2 * placed->laplacian[e]);
     }
     for (int n = 0; n < placed->observations; n++) {
-        float uu = 0.0f, uv = 0.0f, vv = 0.0f;
-        for (int d = 0; d < signals; d++) {
-            float u = (float)(state->gradient[(size_t)d * count + n] / unit);
-            float v = (float)(state->gradient[(size_t)(signals + d) * count + n] / unit);
-            uu += u * u, uv += u * v, vv += v * v;
-        }
+        Quad slopes = squared_slopes(placed, state, n, per_unit);
         const double *share = placed->shares + 3 * (size_t)n;
-        for (int corner = 0; corner < 3; corner++) {
-            float weight = (float)(share[corner] * share[corner]);
-            float *block = system->diagonal + 3 * placed->corners[3 * n + corner];
-            block[0] += weight * uu, block[1] += weight * uv, block[2] += weight * vv;
-        }
+        const int32_t *corner = placed->corners + 3 * n;
+        for (int k = 0; k < 3; k++) system->diagonal[placed->place[corner[k]]] += (float)(share[k] * share[k]) * slopes;
         if (share[1] == 0.0 && share[2] == 0.0) continue;
-        for (int pair = 0; pair < 6; pair++) {
-            float weight = (float)(share[PAIR_FROM[pair]] * share[PAIR_TO[pair]]);
-            float *block = system->blocks + 3 * placed->pairs[6 * n + pair];
-            block[0] += weight * uu, block[1] += weight * uv, block[2] += weight * vv;
-        }
+        for (int pair = 0; pair < 6; pair++)
+            system->blocks[placed->pairs[6 * n + pair]] += (float)(share[PAIR_FROM[pair]] * share[PAIR_TO[pair]]) * slopes;
     }
 }
 
 /* Inverse of the 2 x 2 blocks on the diagonal, without the projection. */
 static void invert_blocks(const Placed *placed, const System *system) {
     for (int v = 0; v < placed->vertices; v++) {
-        const float *block = system->diagonal + 3 * v;
-        float determinant = block[0] * block[2] - block[1] * block[1];
+        Quad block = system->diagonal[v];
+        float determinant = block[0] * block[3] - block[1] * block[2];
         float scale = determinant > SMALLEST_DETERMINANT ? 1.0f / determinant : 0.0f;
-        float *inverse = system->inverse + 3 * v;
-        inverse[0] = block[2] * scale, inverse[1] = -block[1] * scale, inverse[2] = block[0] * scale;
+        system->inverse[v] = (Quad){block[3] * scale, -block[1] * scale, -block[2] * scale, block[0] * scale};
     }
+}
+
+/* The products of a block's numbers with those of a vector (2) that they meet.  Two floats are loaded as one double,
+ * so that one instruction puts them into both halves of a register. */
+static inline Quad times(Quad block, const float *x) {
+    typedef double Pair __attribute__((vector_size(sizeof(Quad)), may_alias));
+    double both;
+    memcpy(&both, x, sizeof both);
+    return block * (Quad)(Pair){both, both};
+}
+
+static inline void add_up(Quad products, float *y) {
+    y[0] = products[0] + products[1];
+    y[1] = products[2] + products[3];
 }
 
 static void precondition(const Placed *placed, const System *system, const float *restrict x, float *restrict y) {
-    for (int v = 0; v < placed->vertices; v++) {
-        const float *inverse = system->inverse + 3 * v;
-        y[2 * v] = inverse[0] * x[2 * v] + inverse[1] * x[2 * v + 1];
-        y[2 * v + 1] = inverse[1] * x[2 * v] + inverse[2] * x[2 * v + 1];
-    }
+    for (int v = 0; v < placed->vertices; v++) add_up(times(system->inverse[v], x + 2 * v), y + 2 * v);
 }
 
-/* The sparse part of the product with the system. */
+/* The sparse part of the product with the system, two neighbours at a time. */
 static void apply_blocks(const Placed *placed, const System *system, const float *restrict x, float *restrict y) {
     for (int v = 0; v < placed->vertices; v++) {
-        const float *block = system->diagonal + 3 * v;
-        float along_u = block[0] * x[2 * v] + block[1] * x[2 * v + 1];
-        float along_v = block[1] * x[2 * v] + block[2] * x[2 * v + 1];
-        for (int e = placed->first[v]; e < placed->end[v]; e++) {
-            const float *other = system->blocks + 3 * e, *at = x + 2 * placed->neighbour[e];
-            along_u += other[0] * at[0] + other[1] * at[1];
-            along_v += other[1] * at[0] + other[2] * at[1];
+        Quad sum = times(system->diagonal[v], x + 2 * v), other = {0.0f};
+        for (int e = placed->first[v]; e < placed->end[v]; e += 2) {
+            sum += times(system->blocks[e], x + placed->neighbour[e]);
+            other += times(system->blocks[e + 1], x + placed->neighbour[e + 1]);
         }
-        y[2 * v] = along_u, y[2 * v + 1] = along_v;
+        add_up(sum + other, y + 2 * v);
     }
 }
 
-/* Take the projection's part off y: four rows at a time, so that x is read once for them. */
-static void subtract_projection(const float *restrict rows, int count, int across, const float *restrict x,
-                                float *restrict y) {
-    for (int k = 0; k < count; k += 4, rows += 4 * (size_t)across) {
-        const float *a = rows, *b = a + across, *c = b + across, *d = c + across;
-        float with_a = 0.0f, with_b = 0.0f, with_c = 0.0f, with_d = 0.0f;
-        for (int v = 0; v < across; v++) {
-            with_a += a[v] * x[v];
-            with_b += b[v] * x[v];
-            with_c += c[v] * x[v];
-            with_d += d[v] * x[v];
+/* Sums (PAD) of a symmetric matrix's rows, or of parts of them, times numbers (width). */
+static void combine_rows(const double *matrix, const double *numbers, int width, float *sums) {
+    enum { VECTORS = PAD / LANES };
+    Lanes sum[VECTORS] = {{0.0}};
+    for (int j = 0; j < width; j++)
+        for (int k = 0; k < VECTORS; k++) sum[k] += numbers[j] * ((const Lanes *)(matrix + (size_t)j * width))[k];
+    for (int k = 0; k < PAD; k++) sums[k] = (float)sum[k / LANES][k % LANES];
+}
+
+/* Take the projection's part off y: (F G W)^T (F F^T)^-1 (F G W) x, signal by signal, for the rows of one fit into the
+ * first cache, and eight rows at a time, so that x and y are read once for them. */
+static void subtract_projection(const Placed *placed, const System *system, const float *x, float *y) {
+    int width = placed->width, across = 2 * placed->padded_vertices, steps = across / (2 * LANES);
+    const Singles *along = (const Singles *)x;
+    Singles *left = (Singles *)y;
+    double *sums = system->tile;
+    for (int d = 0; d < placed->signals; d++) {
+        const Singles *rows = (const Singles *)(system->collected + (size_t)d * width * across);
+        for (int k = 0; k < width; k += PAD) {
+            const Singles *row = rows + (size_t)k * steps;
+            Singles sum[PAD] = {{0.0f}};
+            for (int v = 0; v < steps; v++)
+                for (int i = 0; i < PAD; i++) sum[i] += row[i * steps + v] * along[v];
+            for (int i = 0; i < PAD; i++) sums[k + i] = sum_of_singles(sum[i]);
         }
-        for (int v = 0; v < across; v++) y[v] -= with_a * a[v] + with_b * b[v] + with_c * c[v] + with_d * d[v];
+        for (int k = 0; k < width; k += PAD) {
+            const Singles *row = rows + (size_t)k * steps;
+            float part[PAD];
+            combine_rows(system->normal_inverse + (size_t)d * width * width + k, sums, width, part);
+            for (int v = 0; v < steps; v++) {
+                Singles own = left[v];
+                for (int i = 0; i < PAD; i++) own -= part[i] * row[i * steps + v];
+                left[v] = own;
+            }
+        }
     }
 }
 
@@ -205,7 +312,7 @@ static float ratio(float a, float b) { return b > 0.0f ? a / b : 0.0f; }
 
 /* A few preconditioned steps from zero; `system->residual` holds the right-hand side. */
 static void conjugate_gradients(const Placed *placed, const System *system) {
-    int across = 2 * placed->padded_vertices, rows = placed->signals * placed->width;
+    int across = 2 * placed->padded_vertices;
     float *restrict move = system->move, *restrict residual = system->residual;
     float *restrict direction = system->direction, *restrict applied = system->applied;
     memset(move, 0, sizeof(float) * (size_t)across);
@@ -216,7 +323,7 @@ static void conjugate_gradients(const Placed *placed, const System *system) {
     float slope = dot_single(residual, direction, across);
     for (int step = 0; step < CONJUGATE_GRADIENT_STEPS; step++) {
         apply_blocks(placed, system, direction, applied);
-        subtract_projection(system->projected, rows, across, direction, applied);
+        subtract_projection(placed, system, direction, applied);
         float length = ratio(slope, dot_single(direction, applied, across));
         for (int v = 0; v < across; v++) {
             move[v] += length * direction[v];
@@ -229,38 +336,45 @@ static void conjugate_gradients(const Placed *placed, const System *system) {
     }
 }
 
+/* By what to divide slopes for their squares not to overflow: one, unless some are very steep. */
+static double unit_of_slopes(const double *slopes, int count) {
+    double steepest = 0.0;
+    if (dot(slopes, slopes, count) <= LARGEST_SLOPE * LARGEST_SLOPE) return 1.0;
+    for (int n = 0; n < count; n++) steepest = larger(fabs(slopes[n]), steepest);
+    return steepest > LARGEST_SLOPE ? steepest : 1.0;
+}
+
 /* The damped Gauss-Newton step, `move` (2, m); the gradients of the fitted functions and the force are in `state`. */
 static void gauss_newton_move(const Placed *placed, const State *state, double beta1, double beta2, double *move) {
     const System *system = &state->system;
     int across = placed->padded_vertices;
-    double steepest = 0.0;
-    for (int n = 0; n < 2 * placed->signals * placed->padded_observations; n++)
-        steepest = larger(fabs(state->gradient[n]), steepest);
-    double unit = steepest > LARGEST_SLOPE ? steepest : 1.0, squared = unit * unit;
-    collect_functions(placed, state, unit);
-    project_functions(placed, state);
-    sum_blocks(placed, state, unit, (float)((beta1 + state->damping) / squared), (float)(beta2 / squared));
+    double unit = unit_of_slopes(state->gradient, 2 * placed->signals * placed->padded_observations);
+    double squared = unit * unit;
+    collect(placed, state, 1.0 / unit);
+    invert_normal(placed, state);
+    sum_blocks(placed, state, 1.0 / unit, (float)((beta1 + state->damping) / squared), (float)(beta2 / squared));
     invert_blocks(placed, system);
     for (int v = 0; v < across; v++) {
-        system->residual[2 * v] = (float)(state->force[v] / squared);
-        system->residual[2 * v + 1] = (float)(state->force[across + v] / squared);
+        float *residual = system->residual + 2 * placed->place[v];
+        residual[0] = (float)(state->force[v] / squared);
+        residual[1] = (float)(state->force[across + v] / squared);
     }
     conjugate_gradients(placed, system);
     for (int v = 0; v < across; v++) {
-        move[v] = system->move[2 * v];
-        move[across + v] = system->move[2 * v + 1];
+        move[v] = system->move[2 * placed->place[v]];
+        move[across + v] = system->move[2 * placed->place[v] + 1];
     }
 }
 
 /* Memory of the system. */
 static void lay_out_system(const Placed *placed, System *system, Arena *arena) {
     size_t across = 2 * (size_t)placed->padded_vertices, rows = (size_t)placed->signals * (size_t)placed->width;
-    system->blocks = take_floats(arena, 18 * (size_t)placed->triangle_count + 3);
-    system->diagonal = take_floats(arena, 3 * (size_t)placed->padded_vertices);
-    system->observed = take_doubles(arena, across * rows);
-    system->projected = take_floats(arena, rows * across);
-    system->inverse = take_floats(arena, 3 * (size_t)placed->padded_vertices);
-    system->tile = take_doubles(arena, PAD * (size_t)placed->width);
+    system->blocks = take(arena, 6 * (size_t)placed->triangle_count + 1, sizeof(Quad));
+    system->diagonal = take(arena, across / 2, sizeof(Quad));
+    system->inverse = take(arena, across / 2, sizeof(Quad));
+    system->collected = take_floats(arena, rows * across);
+    system->normal_inverse = take_doubles(arena, rows * (size_t)placed->width);
+    system->tile = take_doubles(arena, LANES * rows);
     system->move = take_floats(arena, across);
     system->residual = take_floats(arena, across);
     system->direction = take_floats(arena, across);

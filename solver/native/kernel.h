@@ -38,6 +38,9 @@ enum { PAD = 8, FRAME_SIZE = 10 };
 
 static inline int padded(int count) { return (count + PAD - 1) / PAD * PAD; }
 
+/* Observations that are gone through together: what belongs to them stays in the first cache. */
+enum { STRIP = 8 * PAD };
+
 /* One domain with N observations of its D signals, in scene units (fitting/batch.py, Problem), and where its solution
  * goes.  fitting/native_chunks.py has the same fields in the same order. */
 typedef struct {
@@ -100,9 +103,13 @@ typedef struct {
     int32_t *degree_u, *degree_v; /* (n): degrees (i, j) of the functions */
     /* regularisation (domain_energy.c) */
     double *hat_u, *hat_v, *area; /* (t, 3) twice, (t) */
-    /* vertices that share a triangle (system.c): those of vertex v stand from first[v] to end[v] */
-    int32_t *first, *end, *neighbour;
-    int32_t *pairs;              /* (N, 6): where the pairs of an observation's corners stand among the neighbours */
+    /* The system's sparse part (gauss_newton.c) has an order of its own, where vertex v has the place place[v]: those that
+     * share a triangle with the one at p stand from first[p] to end[p], the observations of which it has a share end at
+     * column_end[p]. */
+    int32_t *place, *first, *end, *neighbour;
+    int32_t *triangle_pairs, *pairs; /* (t, 6), (N, 6): where pairs of corners stand among the neighbours */
+    int32_t *column_end, *column; /* (m), (3 N) */
+    double *column_share;        /* (3 N) */
     float *laplacian, *laplacian_diagonal;
 } Placed;
 
@@ -138,15 +145,25 @@ typedef struct {
     Selection selection;
 } Choice;
 
-/* The Gauss-Newton system (system.c), and the conjugate gradients' vectors: u and v of a vertex side by side. */
+/* A block of the system: uu, uv, vu, vv. */
+typedef float Quad __attribute__((vector_size(4 * sizeof(float)), may_alias));
+
+/* The Gauss-Newton system (gauss_newton.c), and the conjugate gradients' vectors: u and v of a vertex side by side. */
 typedef struct {
-    float *blocks, *diagonal; /* (neighbours, 3), (m, 3): uu, uv, vv of the sparse part */
-    double *observed;         /* (2 m, D s): functions times slopes, collected at the vertices */
-    float *projected;         /* (D s, 2 m): the same for orthonormal functions */
-    float *inverse;           /* (m, 3): of the blocks on the diagonal */
-    double *tile;             /* (s, 8) */
+    Quad *blocks, *diagonal; /* (neighbours), (m): the sparse part */
+    Quad *inverse;           /* (m): of the blocks on the diagonal */
+    float *collected;         /* (D s, 2 m): functions times slopes, collected at the vertices */
+    double *normal_inverse;   /* (D, s, s): inverse Gram matrices of the functions */
+    double *tile;             /* some columns of them, (vector, D s) */
     float *move, *residual, *direction, *applied, *preconditioned; /* (2 m) */
 } System;
+
+/* The functions of one signal: their degrees along u and v, and their coefficients, (s) each. */
+typedef struct {
+    int count;
+    int32_t *u, *v;
+    double *coefficient;
+} Terms;
 
 /* Where the solver stands (fitting/methods/variable_projection.py, State), and its scratch memory. */
 typedef struct {
@@ -156,9 +173,10 @@ typedef struct {
     bool settled;
     double *jacobian, *changed, *change; /* (4, t) */
     double *gradient;                    /* (2, D, N) */
-    double *slope_u, *slope_v;           /* (t + 1, N) */
+    double *slope_u, *slope_v;           /* (t + 1, STRIP): of a strip of observations */
+    double *table_u, *table_v;           /* (t + 1, max(m, N)): at other places */
+    Terms terms;
     double *force, *observed;            /* (2, m), (N) */
-    double *tile;                        /* (D s, 8) */
     System system;
     Choice choice;
 } State;

@@ -9,7 +9,7 @@ static Placed sizes_of(const Problem *problem, const Settings *settings) {
     placed.padded_vertices = padded(placed.vertices);
     placed.triangle_count = (int)problem->triangle_count;
     placed.observations = (int)problem->observation_count;
-    placed.padded_observations = padded(placed.observations);
+    placed.padded_observations = (placed.observations + ROW - 1) / ROW * ROW;
     placed.signals = (int)problem->signal_count;
     placed.degree = (int)problem->degree;
     placed.size = dictionary_size(placed.degree);
@@ -34,10 +34,15 @@ static void lay_out_placed(Placed *placed, Arena *arena) {
     placed->hat_u = take_doubles(arena, 3 * t);
     placed->hat_v = take_doubles(arena, 3 * t);
     placed->area = take_doubles(arena, t);
+    placed->place = take_integers(arena, m);
     placed->first = take_integers(arena, m);
     placed->end = take_integers(arena, m);
     placed->neighbour = take_integers(arena, 6 * t + 1);
+    placed->triangle_pairs = take_integers(arena, 6 * t);
     placed->pairs = take_integers(arena, 6 * count);
+    placed->column_end = take_integers(arena, m);
+    placed->column = take_integers(arena, 3 * count);
+    placed->column_share = take_doubles(arena, 3 * count);
     placed->laplacian = take_floats(arena, 6 * t + 1);
     placed->laplacian_diagonal = take_floats(arena, m);
 }
@@ -80,11 +85,15 @@ static void lay_out_state(const Placed *placed, State *state, Arena *arena) {
     state->changed = take_doubles(arena, 4 * t);
     state->change = take_doubles(arena, 4 * t);
     state->gradient = take_doubles(arena, 2 * signals * count);
-    state->slope_u = take_doubles(arena, table);
-    state->slope_v = take_doubles(arena, table);
+    state->slope_u = take_doubles(arena, ((size_t)placed->degree + 1) * STRIP);
+    state->slope_v = take_doubles(arena, ((size_t)placed->degree + 1) * STRIP);
+    state->table_u = take_doubles(arena, table);
+    state->table_v = take_doubles(arena, table);
     state->force = take_doubles(arena, 2 * m);
     state->observed = take_doubles(arena, count > m ? count : m);
-    state->tile = take_doubles(arena, signals * (size_t)placed->width * PAD);
+    state->terms.u = take_integers(arena, (size_t)placed->width);
+    state->terms.v = take_integers(arena, (size_t)placed->width);
+    state->terms.coefficient = take_doubles(arena, (size_t)placed->width);
     lay_out_system(placed, &state->system, arena);
     lay_out_choice(placed, &state->choice, arena);
 }
@@ -127,9 +136,11 @@ static Status place(const Problem *problem, Placed *placed) {
     place_weights(problem, placed);
     dictionary_degrees(placed->degree, placed->degree_u, placed->degree_v);
     measure_triangles(placed);
-    Status status = find_neighbours(placed);
-    if (status == DONE) measure_laplacian(placed);
-    return status;
+    number_vertices(placed);
+    find_neighbours(placed);
+    find_columns(placed);
+    measure_laplacian(placed);
+    return find_pairs(placed);
 }
 
 /* Where the solver starts: the initial domain, or an earlier solution. */
@@ -166,7 +177,7 @@ static void fitted_values(const Placed *placed, const Fit *fit, const double *x,
 static void write_history(const Placed *placed, const State *state, const Problem *problem, int64_t iteration) {
     size_t entry = (size_t)placed->vertices * (size_t)placed->signals;
     fitted_values(placed, &state->fit, state->domain, state->domain + placed->padded_vertices, placed->padded_vertices,
-                  placed->vertices, state->slope_u, state->slope_v, state->observed,
+                  placed->vertices, state->table_u, state->table_v, state->observed,
                   problem->history + (size_t)iteration * entry);
 }
 
@@ -187,6 +198,6 @@ static void write_solution(const Placed *placed, State *state, const Problem *pr
     double *x = state->gradient, *y = x + count;
     observe(placed, state->domain, x);
     observe(placed, state->domain + m, y);
-    fitted_values(placed, fit, x, y, count, placed->observations, state->slope_u, state->slope_v, state->observed,
+    fitted_values(placed, fit, x, y, count, placed->observations, state->table_u, state->table_v, state->observed,
                   problem->fitted);
 }

@@ -78,8 +78,8 @@ static ONE_COPY int tabulate(const Functions *functions, Block *block, int count
     polynomial_tables(block->u, block->place_u, NULL, degree, legendre, stride);
     polynomial_tables(block->v, block->place_v, NULL, degree, legendre, stride);
     if (slopes) {
-        derivative_tables(block->slope_u, block->u, degree, legendre, stride);
-        derivative_tables(block->slope_v, block->v, degree, legendre, stride);
+        derivative_tables(block->slope_u, stride, block->u, stride, degree, legendre, stride);
+        derivative_tables(block->slope_v, stride, block->v, stride, degree, legendre, stride);
     }
     return stride;
 }

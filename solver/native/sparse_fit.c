@@ -106,28 +106,40 @@ static void select_functions(const Placed *placed, Choice *choice, bool ols, int
     }
 }
 
-/* Weighted values of the chosen functions, (N, D s), zero where none was chosen; eight observations at a time are
- * turned from rows into columns in `tile`. */
-static void functions_of(const Placed *placed, Fit *fit, double *restrict tile) {
+/* Weighted values of as many functions as a vector holds, where `columns` of them begin, for observations from `first`
+ * to `end`; functions without a number are zero. */
+static void some_functions(const Placed *placed, const Fit *fit, const int32_t *number, int first, int end, int columns,
+                           double *functions) {
+    const double *u[LANES], *v[LANES];
+    for (int k = 0; k < LANES; k++) {
+        u[k] = fit->u + (size_t)(number[k] < 0 ? 0 : placed->degree_u[number[k]]) * placed->padded_observations;
+        v[k] = fit->v + (size_t)(number[k] < 0 ? 0 : placed->degree_v[number[k]]) * placed->padded_observations;
+    }
+    for (int n = first; n < end; n += LANES) {
+        Lanes square[LANES];
+        for (int k = 0; k < LANES; k++) {
+            square[k] = (Lanes){0.0};
+            if (number[k] >= 0) square[k] = *(const Lanes *)(u[k] + n) * *(const Lanes *)(v[k] + n);
+        }
+        turn(square);
+        for (int k = 0; k < LANES; k++) *(Lanes *)(functions + (size_t)(n + k) * columns) = square[k];
+    }
+}
+
+/* Weighted values of the chosen functions, (N, D s), for a few observations at a time, whose tables stay in the first
+ * cache. */
+static void functions_of(const Placed *placed, Fit *fit) {
     int count = placed->padded_observations, columns = placed->signals * placed->width;
-    for (int n = 0; n < count; n += PAD) {
-        for (int d = 0; d < placed->signals; d++)
-            for (int k = 0; k < placed->width; k++) {
-                double *restrict row = tile + (d * placed->width + k) * PAD;
-                int number = k < placed->sparsity ? fit->support[d * placed->sparsity + k] : -1;
-                if (number < 0) {
-                    memset(row, 0, PAD * sizeof(double));
-                    continue;
-                }
-                const double *restrict u = fit->u + (size_t)placed->degree_u[number] * count + n;
-                const double *restrict v = fit->v + (size_t)placed->degree_v[number] * count + n;
-                for (int lane = 0; lane < PAD; lane++) row[lane] = u[lane] * v[lane];
+    for (int first = 0; first < count; first += STRIP) {
+        int end = first + STRIP < count ? first + STRIP : count;
+        for (int column = 0; column < columns; column += LANES) {
+            int32_t number[LANES];
+            for (int k = 0; k < LANES; k++) {
+                int place = (column + k) % placed->width, signal = column / placed->width;
+                number[k] = place < placed->sparsity ? fit->support[signal * placed->sparsity + place] : -1;
             }
-        double *restrict functions = fit->functions + (size_t)n * columns;
-        for (int column = 0; column < columns; column += PAD)
-            for (int lane = 0; lane < PAD; lane++)
-                for (int k = 0; k < PAD; k++)
-                    functions[(size_t)lane * columns + column + k] = tile[(column + k) * PAD + lane];
+            some_functions(placed, fit, number, first, end, columns, fit->functions + column);
+        }
     }
 }
 
@@ -192,6 +204,31 @@ static void solve_normal(const double *inverse_factor, const double *sums, int s
     }
 }
 
+/* List a signal's functions. */
+static void list_terms(const Placed *placed, const Fit *fit, int d, Terms *terms) {
+    terms->count = 0;
+    for (int k = d * placed->sparsity; k < (d + 1) * placed->sparsity; k++) {
+        if (fit->support[k] < 0) continue;
+        terms->u[terms->count] = placed->degree_u[fit->support[k]];
+        terms->v[terms->count] = placed->degree_v[fit->support[k]];
+        terms->coefficient[terms->count++] = fit->coefficients[k];
+    }
+}
+
+/* Take the listed functions off `residual` (N); sums stay in registers. */
+static void subtract_terms(const Terms *terms, const Fit *fit, int count, double *residual) {
+    enum { VECTORS = ROW / LANES };
+    for (int n = 0; n < count; n += ROW) {
+        Lanes sum[VECTORS] = {{0.0}}, *own = (Lanes *)(residual + n);
+        for (int k = 0; k < terms->count; k++) {
+            const Lanes *u = (const Lanes *)(fit->u + (size_t)terms->u[k] * count + n);
+            const Lanes *v = (const Lanes *)(fit->v + (size_t)terms->v[k] * count + n);
+            for (int i = 0; i < VECTORS; i++) sum[i] += terms->coefficient[k] * u[i] * v[i];
+        }
+        for (int i = 0; i < VECTORS; i++) own[i] -= sum[i];
+    }
+}
+
 /* Fit the functions fit->support over `domain`: everything else of `fit` follows. */
 static void least_squares(const Placed *placed, const double *domain, State *scratch, Fit *fit) {
     int count = placed->padded_observations, s = placed->sparsity, width = placed->width;
@@ -201,7 +238,7 @@ static void least_squares(const Placed *placed, const double *domain, State *scr
     polynomial_tables(fit->u, scratch->observed, NULL, placed->degree, placed->legendre, count);
     observe(placed, domain + placed->padded_vertices, scratch->observed);
     polynomial_tables(fit->v, scratch->observed, placed->root_weights, placed->degree, placed->legendre, count);
-    functions_of(placed, fit, scratch->tile);
+    functions_of(placed, fit);
     for (int d = 0; d < placed->signals; d++) {
         const double *functions = fit->functions + d * width, *values = placed->values + (size_t)d * count;
         double *inverse_factor = fit->inverse_factor + (size_t)d * width * width;
@@ -211,14 +248,8 @@ static void least_squares(const Placed *placed, const double *domain, State *scr
         for (int n = 0; n < count; n++) residual[n] = placed->root_weights[n] * values[n];
         correlate(functions, residual, count, columns, width, sums);
         solve_normal(inverse_factor, sums, s, width, fit->coefficients + d * s);
-        for (int k = 0; k < s; k++) {
-            int number = fit->support[d * s + k];
-            if (number < 0) continue;
-            double coefficient = fit->coefficients[d * s + k];
-            const double *restrict u = fit->u + (size_t)placed->degree_u[number] * count;
-            const double *restrict v = fit->v + (size_t)placed->degree_v[number] * count;
-            for (int n = 0; n < count; n++) residual[n] -= coefficient * u[n] * v[n];
-        }
+        list_terms(placed, fit, d, &scratch->terms);
+        subtract_terms(&scratch->terms, fit, count, residual);
     }
     fit->misfit = dot(fit->residual, fit->residual, placed->signals * count);
 }

@@ -80,7 +80,7 @@ static void expand(const Functions *functions, const Limits *limits, Expansion *
         }
         polynomial_tables(own->derivatives[x][0], own->centre[x], NULL, degree, legendre, lanes);
         for (int a = 1; a < own->order; a++)
-            derivative_tables(own->derivatives[x][a], own->derivatives[x][a - 1], degree, legendre, lanes);
+            derivative_tables(own->derivatives[x][a], lanes, own->derivatives[x][a - 1], lanes, degree, legendre, lanes);
     }
 }
 

@@ -32,27 +32,40 @@ static Weights final_weights(const Settings *settings) {
     return annealed_weights(settings, settings->iterations > 0 ? settings->iterations - 1 : 0);
 }
 
+/* Gradients (2, N) of the listed functions at the observations from `first` to `end`, whose derivatives are given; sums
+ * stay in registers. */
+static void gradient_of_terms(const State *state, const Terms *terms, int count, int first, int end, double *along_u,
+                              double *along_v) {
+    enum { VECTORS = ROW / LANES };
+    for (int n = first; n < end; n += ROW) {
+        Lanes by_u[VECTORS] = {{0.0}}, by_v[VECTORS] = {{0.0}};
+        for (int k = 0; k < terms->count; k++) {
+            const Lanes *u = (const Lanes *)(state->fit.u + (size_t)terms->u[k] * count + n);
+            const Lanes *v = (const Lanes *)(state->fit.v + (size_t)terms->v[k] * count + n);
+            const Lanes *slope_u = (const Lanes *)(state->slope_u + terms->u[k] * STRIP + n - first);
+            const Lanes *slope_v = (const Lanes *)(state->slope_v + terms->v[k] * STRIP + n - first);
+            for (int i = 0; i < VECTORS; i++) {
+                by_u[i] += terms->coefficient[k] * slope_u[i] * v[i];
+                by_v[i] += terms->coefficient[k] * u[i] * slope_v[i];
+            }
+        }
+        memcpy(along_u + n, by_u, sizeof by_u);
+        memcpy(along_v + n, by_v, sizeof by_v);
+    }
+}
+
 /* Weighted gradients of the fitted functions at the observations, (2, D, N). */
 static void function_gradient(const Placed *placed, State *state) {
-    int count = placed->padded_observations, s = placed->sparsity;
-    const Fit *fit = &state->fit;
-    derivative_tables(state->slope_u, fit->u, placed->degree, placed->legendre, count);
-    derivative_tables(state->slope_v, fit->v, placed->degree, placed->legendre, count);
-    memset(state->gradient, 0, sizeof(double) * 2 * (size_t)placed->signals * (size_t)count);
-    for (int d = 0; d < placed->signals; d++) {
-        double *restrict along_u = state->gradient + (size_t)d * count;
-        double *restrict along_v = state->gradient + (size_t)(placed->signals + d) * count;
-        for (int k = 0; k < s; k++) {
-            int number = fit->support[d * s + k];
-            if (number < 0) continue;
-            double coefficient = fit->coefficients[d * s + k];
-            size_t i = (size_t)placed->degree_u[number] * count, j = (size_t)placed->degree_v[number] * count;
-            const double *restrict u = fit->u + i, *restrict v = fit->v + j;
-            const double *restrict slope_u = state->slope_u + i, *restrict slope_v = state->slope_v + j;
-            for (int n = 0; n < count; n++) {
-                along_u[n] += coefficient * slope_u[n] * v[n];
-                along_v[n] += coefficient * u[n] * slope_v[n];
-            }
+    int count = placed->padded_observations;
+    for (int first = 0; first < count; first += STRIP) {
+        int length = first + STRIP < count ? STRIP : count - first;
+        derivative_tables(state->slope_u, STRIP, state->fit.u + first, count, placed->degree, placed->legendre, length);
+        derivative_tables(state->slope_v, STRIP, state->fit.v + first, count, placed->degree, placed->legendre, length);
+        for (int d = 0; d < placed->signals; d++) {
+            list_terms(placed, &state->fit, d, &state->terms);
+            double *along_u = state->gradient + (size_t)d * count;
+            double *along_v = state->gradient + (size_t)(placed->signals + d) * count;
+            gradient_of_terms(state, &state->terms, count, first, first + length, along_u, along_v);
         }
     }
 }

@@ -1,8 +1,8 @@
 /* Memory and sums that several files use. */
 #include "kernel.h"
 
-/* The widest vectors of the instruction set.  Most loops are left to the compiler; only the two sums of products that
- * have to keep many results in registers are written with these (measured: 2.5 times as fast as the plain loops). */
+/* The widest vectors of the instruction set.  Most loops are left to the compiler; only sums of products that have to
+ * keep many results in registers are written with these (measured: 2.5 times as fast as the plain loops). */
 #if defined(__AVX512F__)
 enum { LANES = 8 };
 #elif defined(__AVX__)
@@ -11,6 +11,44 @@ enum { LANES = 4 };
 enum { LANES = 2 };
 #endif
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double)), may_alias));
+typedef float SingleLanes __attribute__((vector_size(LANES * sizeof(float)), may_alias));
+typedef float Singles __attribute__((vector_size(2 * LANES * sizeof(float)), may_alias));
+
+/* How many numbers of a row stay in registers: two vectors of PAD, as far as an instruction set has room for them. */
+enum { ROW = (int)LANES > 2 ? 2 * PAD : PAD };
+
+/* Turn a square of numbers: rows become columns.  (In vectors this makes functions_of 3 times as fast.) */
+static inline void turn(Lanes square[LANES]) {
+#if defined(__clang__) || __GNUC__ >= 12
+#if defined(__AVX512F__)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15)
+#elif defined(__AVX__)
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 4, 1, 5)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 2, 6, 3, 7)
+#else
+#define LOW(a, b) __builtin_shufflevector(a, b, 0, 2)
+#define HIGH(a, b) __builtin_shufflevector(a, b, 1, 3)
+#endif
+    /* Shuffling the first half of the rows with the second, like cards, takes log2(LANES) rounds. */
+    for (int round = 1; round < LANES; round *= 2) {
+        Lanes shuffled[LANES];
+        for (int k = 0; k < LANES / 2; k++) {
+            shuffled[2 * k] = LOW(square[k], square[k + LANES / 2]);
+            shuffled[2 * k + 1] = HIGH(square[k], square[k + LANES / 2]);
+        }
+        for (int k = 0; k < LANES; k++) square[k] = shuffled[k];
+    }
+#undef LOW
+#undef HIGH
+#else
+    for (int i = 0; i < LANES; i++)
+        for (int j = 0; j < i; j++) {
+            double number = square[i][j];
+            square[i][j] = square[j][i], square[j][i] = number;
+        }
+#endif
+}
 
 static void *take(Arena *arena, size_t count, size_t bytes) {
     void *piece = arena->memory ? arena->memory + arena->used : NULL;
@@ -27,6 +65,12 @@ static int32_t *take_integers(Arena *arena, size_t count) { return take(arena, c
 static double sum_of(Lanes lanes) {
     double sum = 0.0;
     for (int k = 0; k < LANES; k++) sum += lanes[k];
+    return sum;
+}
+
+static float sum_of_singles(Singles lanes) {
+    float sum = 0.0f;
+    for (int k = 0; k < 2 * LANES; k++) sum += lanes[k];
     return sum;
 }
 
