@@ -109,10 +109,11 @@ def chunk_task(observations: Observations, domains: Array, settings: Settings, c
 
 
 def chunk_patches(observations: Observations, which: Indices, problems_each: int = 1, pieces: int = 1) -> list[Indices]:
-    """Sort the patches `which` by size and cut them into chunks that fit into the cache.
+    """Sort the patches `which` by size and cut them into chunks that fit into the cache, the largest patches first.
 
-    There are at least `pieces` chunks, unless they would become tiny: what follows waits for all of them.  The number
-    of workers plays no part, as the composition of a chunk decides how sums are rounded.
+    There are at least `pieces` chunks, unless they would become tiny: what follows waits for all of them, and least for
+    a last one with small patches.  The number of workers plays no part, as the composition of a chunk decides how sums
+    are rounded.
     """
     most = min(CHUNK_PROBLEMS, max(TINY_CHUNK, -(-len(which) * problems_each // pieces)))
     size = observations.sizes[which]
@@ -126,7 +127,7 @@ def chunk_patches(observations: Observations, which: Indices, problems_each: int
                 continue
         chunks.append(order[start:end])
         start = end
-    return chunks
+    return chunks[::-1]
 
 
 def problems_of(

@@ -103,8 +103,11 @@ def _stamp(library: ctypes.CDLL) -> str | None:
     return found.decode()
 
 
+@lru_cache(maxsize=None)
 def function(name: str, instructions: str | None = None) -> Any:
     """A function of the library, for the best instruction set that this processor has, or for another one.
+
+    It is looked up once: virtual machines take their time to say which instructions a processor has.
 
     Raises
     ------

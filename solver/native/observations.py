@@ -144,6 +144,7 @@ class Observed:
     inside: tuple[Inside, Inside]
     partition: bool
 
+    @cached_property
     def _native(self) -> tuple[_Observed, list[NDArray[Any] | None]]:
         """The structure that the kernel takes, and the arrays that it points at."""
         whole = (self.vertex_offsets, self.vertices, self.nodes, self.triangle_offsets, self.triangles)
@@ -203,7 +204,7 @@ class Observed:
 
     def _gather(self, patches: Indices, wanted: _Gathered) -> None:
         chosen = np.ascontiguousarray(patches, dtype=np.int64)
-        native, _arrays = self._native()
+        native, _arrays = self._native
         function("observe_patches")(byref(native), c_void_p(_address(chosen)), c_int64(len(chosen)), byref(wanted))
 
 
