@@ -93,7 +93,7 @@ static inline void step_until(const double *restrict jacobian, const double *res
 }
 
 /* Largest a >= 0 such that det(J + x dJ) stays at or above `floor` on every triangle for all x in [0, a]; eight
- * triangles at a time, for their roots and divisions to be done together (measured: 3 times as fast). */
+ * triangles at a time, for their roots and divisions to be done together. */
 static double largest_step(const double *restrict jacobian, const double *restrict change, int t, double floor) {
     double least[PAD], smallest = INFINITY;
     int k = 0;

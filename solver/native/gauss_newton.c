@@ -20,23 +20,6 @@ static const double LARGEST_SLOPE = 1e6; /* systems with steeper functions are d
 /* The six ordered pairs of an observation's corners. */
 static const int PAIR_FROM[6] = {0, 1, 0, 2, 1, 2}, PAIR_TO[6] = {1, 0, 2, 0, 2, 1};
 
-/* Number the vertices for the system by how many triangles have them: loops over what belongs to a vertex then hardly
- * ever differ in length from one to the next, and processors foresee their ends (measured: products with the sparse part
- * take half the time). */
-static void number_vertices(Placed *placed) {
-    int32_t *triangles = placed->end, *begin = placed->neighbour;
-    memset(triangles, 0, sizeof(int32_t) * (size_t)placed->padded_vertices);
-    for (int k = 0; k < 3 * placed->triangle_count; k++) triangles[placed->triangles[k]]++;
-    memset(begin, 0, sizeof(int32_t) * ((size_t)placed->triangle_count + 1));
-    for (int v = 0; v < placed->vertices; v++) begin[triangles[v]]++;
-    for (int count = 0, total = 0; count <= placed->triangle_count; count++) {
-        total += begin[count];
-        begin[count] = total - begin[count];
-    }
-    for (int v = 0; v < placed->vertices; v++) placed->place[v] = begin[triangles[v]]++;
-    for (int v = placed->vertices; v < placed->padded_vertices; v++) placed->place[v] = v;
-}
-
 static int neighbour_place(const Placed *placed, int from, int to) {
     for (int e = placed->first[from]; e < placed->end[from]; e++)
         if (placed->neighbour[e] == 2 * to) return e;
@@ -48,7 +31,7 @@ static int neighbour_place(const Placed *placed, int from, int to) {
 static void find_neighbours(Placed *placed) {
     int total = 0;
     memset(placed->end, 0, sizeof(int32_t) * (size_t)placed->padded_vertices);
-    for (int k = 0; k < 3 * placed->triangle_count; k++) placed->end[placed->place[placed->triangles[k]]] += 2;
+    for (int k = 0; k < 3 * placed->triangle_count; k++) placed->end[placed->triangles[k]] += 2;
     for (int v = 0; v < placed->vertices; v++) {
         int room = placed->end[v];
         placed->first[v] = placed->end[v] = total;
@@ -57,7 +40,7 @@ static void find_neighbours(Placed *placed) {
     for (int k = 0; k < placed->triangle_count; k++) {
         const int32_t *corner = placed->triangles + 3 * k;
         for (int pair = 0; pair < 6; pair++) {
-            int from = placed->place[corner[PAIR_FROM[pair]]], to = placed->place[corner[PAIR_TO[pair]]];
+            int from = corner[PAIR_FROM[pair]], to = corner[PAIR_TO[pair]];
             int entry = neighbour_place(placed, from, to);
             if (entry < 0) placed->neighbour[entry = placed->end[from]++] = 2 * to;
             placed->triangle_pairs[6 * k + pair] = entry;
@@ -71,7 +54,7 @@ static void find_neighbours(Placed *placed) {
 static Status pairs_of(const Placed *placed, const int32_t *corner, const double *share, int32_t *pairs) {
     for (int pair = 0; pair < 6; pair++) {
         bool counts = share[PAIR_FROM[pair]] != 0.0 && share[PAIR_TO[pair]] != 0.0;
-        int from = placed->place[corner[PAIR_FROM[pair]]], to = placed->place[corner[PAIR_TO[pair]]];
+        int from = corner[PAIR_FROM[pair]], to = corner[PAIR_TO[pair]];
         pairs[pair] = counts ? neighbour_place(placed, from, to) : 0;
         if (pairs[pair] < 0) return NOT_IN_A_TRIANGLE;
     }
@@ -99,7 +82,7 @@ static Status find_pairs(Placed *placed) {
 static void find_columns(Placed *placed) {
     int32_t *end = placed->column_end;
     memset(end, 0, sizeof(int32_t) * (size_t)placed->padded_vertices);
-    for (int k = 0; k < 3 * placed->observations; k++) end[placed->place[placed->corners[k]]] += placed->shares[k] != 0.0;
+    for (int k = 0; k < 3 * placed->observations; k++) end[placed->corners[k]] += placed->shares[k] != 0.0;
     for (int v = 0, total = 0; v < placed->padded_vertices; v++) {
         int room = end[v];
         end[v] = total;
@@ -108,7 +91,7 @@ static void find_columns(Placed *placed) {
     for (int n = 0; n < placed->observations; n++)
         for (int k = 3 * n; k < 3 * n + 3; k++) {
             if (placed->shares[k] == 0.0) continue;
-            int entry = end[placed->place[placed->corners[k]]]++;
+            int entry = end[placed->corners[k]]++;
             placed->column[entry] = n;
             placed->column_share[entry] = placed->shares[k];
         }
@@ -124,18 +107,19 @@ static void measure_laplacian(Placed *placed) {
         const int32_t *corner = placed->triangles + 3 * k;
         const double *u = placed->hat_u + 3 * k, *v = placed->hat_v + 3 * k;
         for (int a = 0; a < 3; a++)
-            placed->laplacian_diagonal[placed->place[corner[a]]] += (float)(placed->area[k] * (u[a] * u[a] + v[a] * v[a]));
+            placed->laplacian_diagonal[corner[a]] += (float)(placed->area[k] * (u[a] * u[a] + v[a] * v[a]));
         for (int pair = 0; pair < 6; pair++) {
             int a = PAIR_FROM[pair], b = PAIR_TO[pair];
-            placed->laplacian[placed->triangle_pairs[6 * k + pair]] += (float)(placed->area[k] * (u[a] * u[b] + v[a] * v[b]));
+            placed->laplacian[placed->triangle_pairs[6 * k + pair]] +=
+                (float)(placed->area[k] * (u[a] * u[b] + v[a] * v[b]));
         }
     }
 }
 
 /* What moving a vertex along u and along v does to the sums over some of a signal's functions, which stay in registers.
- * (To add each observation to its corners takes twice as long.) */
-static inline void collect_some(const Placed *placed, const State *state, int vertex, int d, int column, double per_unit,
-                                int vectors, double *along_u, double *along_v) {
+ * (To add each observation to its corners takes a third longer: measured.) */
+static inline void collect_some(const Placed *placed, const State *state, int vertex, int d, int column,
+                                double per_unit, int vectors, double *along_u, double *along_v) {
     int columns = placed->signals * placed->width, count = placed->padded_observations;
     const double *slope_u = state->gradient + (size_t)d * count, *slope_v = slope_u + (size_t)placed->signals * count;
     Lanes sum_u[ROW / LANES] = {{0.0}}, sum_v[ROW / LANES] = {{0.0}};
@@ -223,10 +207,11 @@ static void sum_blocks(const Placed *placed, const State *state, double per_unit
         Quad slopes = squared_slopes(placed, state, n, per_unit);
         const double *share = placed->shares + 3 * (size_t)n;
         const int32_t *corner = placed->corners + 3 * n;
-        for (int k = 0; k < 3; k++) system->diagonal[placed->place[corner[k]]] += (float)(share[k] * share[k]) * slopes;
+        for (int k = 0; k < 3; k++) system->diagonal[corner[k]] += (float)(share[k] * share[k]) * slopes;
         if (share[1] == 0.0 && share[2] == 0.0) continue;
         for (int pair = 0; pair < 6; pair++)
-            system->blocks[placed->pairs[6 * n + pair]] += (float)(share[PAIR_FROM[pair]] * share[PAIR_TO[pair]]) * slopes;
+            system->blocks[placed->pairs[6 * n + pair]] +=
+                (float)(share[PAIR_FROM[pair]] * share[PAIR_TO[pair]]) * slopes;
     }
 }
 
@@ -355,14 +340,14 @@ static void gauss_newton_move(const Placed *placed, const State *state, double b
     sum_blocks(placed, state, 1.0 / unit, (float)((beta1 + state->damping) / squared), (float)(beta2 / squared));
     invert_blocks(placed, system);
     for (int v = 0; v < across; v++) {
-        float *residual = system->residual + 2 * placed->place[v];
+        float *residual = system->residual + 2 * v;
         residual[0] = (float)(state->force[v] / squared);
         residual[1] = (float)(state->force[across + v] / squared);
     }
     conjugate_gradients(placed, system);
     for (int v = 0; v < across; v++) {
-        move[v] = system->move[2 * placed->place[v]];
-        move[across + v] = system->move[2 * placed->place[v] + 1];
+        move[v] = system->move[2 * v];
+        move[across + v] = system->move[2 * v + 1];
     }
 }
 

@@ -103,10 +103,9 @@ typedef struct {
     int32_t *degree_u, *degree_v; /* (n): degrees (i, j) of the functions */
     /* regularisation (domain_energy.c) */
     double *hat_u, *hat_v, *area; /* (t, 3) twice, (t) */
-    /* The system's sparse part (gauss_newton.c) has an order of its own, where vertex v has the place place[v]: those that
-     * share a triangle with the one at p stand from first[p] to end[p], the observations of which it has a share end at
-     * column_end[p]. */
-    int32_t *place, *first, *end, *neighbour;
+    /* The system's sparse part (gauss_newton.c): vertices that share a triangle with vertex v stand from first[v] to end[v]
+     * as places in vectors, and the observations of which it has a share end at column_end[v]. */
+    int32_t *first, *end, *neighbour;
     int32_t *triangle_pairs, *pairs; /* (t, 6), (N, 6): where pairs of corners stand among the neighbours */
     int32_t *column_end, *column; /* (m), (3 N) */
     double *column_share;        /* (3 N) */

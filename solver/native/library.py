@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import platform
 import sys
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +103,7 @@ def _stamp(library: ctypes.CDLL) -> str | None:
     return found.decode()
 
 
-@lru_cache(maxsize=None)
+@cache
 def function(name: str, instructions: str | None = None) -> Any:
     """A function of the library, for the best instruction set that this processor has, or for another one.
 

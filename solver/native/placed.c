@@ -34,7 +34,6 @@ static void lay_out_placed(Placed *placed, Arena *arena) {
     placed->hat_u = take_doubles(arena, 3 * t);
     placed->hat_v = take_doubles(arena, 3 * t);
     placed->area = take_doubles(arena, t);
-    placed->place = take_integers(arena, m);
     placed->first = take_integers(arena, m);
     placed->end = take_integers(arena, m);
     placed->neighbour = take_integers(arena, 6 * t + 1);
@@ -136,7 +135,6 @@ static Status place(const Problem *problem, Placed *placed) {
     place_weights(problem, placed);
     dictionary_degrees(placed->degree, placed->degree_u, placed->degree_v);
     measure_triangles(placed);
-    number_vertices(placed);
     find_neighbours(placed);
     find_columns(placed);
     measure_laplacian(placed);

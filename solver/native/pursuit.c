@@ -207,8 +207,8 @@ static void bring_in(const Normal *normal, Selection *selection, int entering, i
 
 /* Put the function `entering` in place of the one at `position`.
  *
- * Two changes of rank one take a fifth of the time of a new regression (measured), which is left for functions that
- * nearly depend on the others: there they would lose too many digits. */
+ * Two changes of rank one save a whole fit 6 % of its time (measured) beside a new regression, which is left for
+ * functions that nearly depend on the others: there they would lose too many digits. */
 static void exchange(const Normal *normal, Choice *choice, int entering, int position, int s, double *left) {
     Selection *selection = &choice->selection;
     int old = selection->support[position], size = normal->size, stride = normal->stride;

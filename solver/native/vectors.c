@@ -17,7 +17,8 @@ typedef float Singles __attribute__((vector_size(2 * LANES * sizeof(float)), may
 /* How many numbers of a row stay in registers: two vectors of PAD, as far as an instruction set has room for them. */
 enum { ROW = (int)LANES > 2 ? 2 * PAD : PAD };
 
-/* Turn a square of numbers: rows become columns.  (In vectors this makes functions_of 3 times as fast.) */
+/* Turn a square of numbers: rows become columns.  (Shuffled vectors make functions_of 1.6 times as
+ * fast as the plain loops: measured.) */
 static inline void turn(Lanes square[LANES]) {
 #if defined(__clang__) || __GNUC__ >= 12
 #if defined(__AVX512F__)

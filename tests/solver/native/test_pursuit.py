@@ -62,10 +62,7 @@ def test_least_squares_pursuit_is_no_worse_than_greedy_choice_and_no_exchange_im
 ) -> None:
     functions, signal = patch(seed)
     s = 7
-    greedy: list[int] = []
-    for _ in range(s):
-        rest = [j for j in range(len(functions)) if j not in greedy]
-        greedy.append(min(rest, key=lambda j: left_over(functions, signal, [*greedy, j])))
+    greedy = greedily(functions, signal, s)
     chosen = [int(j) for j in pursue(functions @ functions.T, functions @ signal, s, instructions)]
     assert len(set(chosen)) == s
     assert left_over(functions, signal, chosen) <= left_over(functions, signal, greedy) * (1 + 1e-9)
@@ -73,6 +70,37 @@ def test_least_squares_pursuit_is_no_worse_than_greedy_choice_and_no_exchange_im
     others = [j for j in range(len(functions)) if j not in chosen]
     best = min(left_over(functions, signal, [*chosen[:-1], j]) for j in [*others, chosen[-1]])
     assert left_over(functions, signal, chosen) <= best * (1 + 1e-6)
+
+
+def greedily(functions: Array, signal: Array, s: int) -> list[int]:
+    """Choose functions by least squares for every candidate."""
+    chosen: list[int] = []
+    for _ in range(s):
+        rest = [j for j in range(len(functions)) if j not in chosen]
+        chosen.append(min(rest, key=lambda j: left_over(functions, signal, [*chosen, j])))
+    return chosen
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_exchanges_are_those_of_least_squares_for_every_candidate(instructions: str, seed: int) -> None:
+    functions, signal = patch(seed, degree=6)
+    expected = greedily(functions, signal, 9)
+    for place in range(9):
+        others = expected[:place] + expected[place + 1 :]
+        rest = [j for j in range(len(functions)) if j not in others]
+        expected[place] = min(rest, key=lambda j: left_over(functions, signal, [*others, j]))
+    assert list(pursue(functions @ functions.T, functions @ signal, 9, instructions)) == expected
+
+
+@pytest.mark.parametrize("own_part", [1e-2, 1e-3, 1e-4])
+def test_exchanging_functions_that_nearly_depend_on_others_makes_nothing_worse(
+    instructions: str, own_part: float
+) -> None:
+    functions, signal = patch(1, degree=6)
+    functions[1:] = functions[:-1] + own_part * functions[1:]
+    chosen = [int(j) for j in pursue(functions @ functions.T, functions @ signal, 9, instructions)]
+    greedy = left_over(functions, signal, greedily(functions, signal, 9))
+    assert left_over(functions, signal, chosen) <= greedy * (1 + 1e-6)
 
 
 def test_a_polynomial_of_low_degree_is_reproduced_by_all_functions_up_to_its_degree(instructions: str) -> None:
