@@ -76,7 +76,7 @@ class CloudArrays:
         Into how many parts the base's edges are split where the surface is evaluated; 0 gives about as many vertices
         as there are points.
     base_count
-        Wanted number of vertices of a base that is made; 0: one for every 24 points, in noisy clouds for every sixty.
+        Wanted number of vertices of a base that is made; 0: one for every 24 points, in noisy clouds for every 36.
     shift
         What was subtracted from all coordinates before, so that single precision holds them.
     colours

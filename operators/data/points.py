@@ -81,7 +81,7 @@ def read_cloud(
     Parameters
     ----------
     base_vertices
-        Wanted number of vertices of a base that is made; 0: one for every 24 points, in noisy clouds for every sixty.
+        Wanted number of vertices of a base that is made; 0: one for every 24 points, in noisy clouds for every 36.
     splits
         Number of parts of every edge of the base where the surface is evaluated; 0: by the number of points.
 

@@ -46,8 +46,8 @@ the density is sought, in radii."""
 STEPS_A_RADIUS = 1.5
 """Steps of the grid to a ball's radius."""
 
-EXACT_POINTS_A_VERTEX, NOISY_POINTS_A_VERTEX = 24, 60
-"""Points for each vertex of the base in clouds without noise, and in noisy ones; the paper's have about sixty."""
+EXACT_POINTS_A_VERTEX, NOISY_POINTS_A_VERTEX = 24, 36
+"""Points for each vertex of the base in clouds without noise, and in noisy ones, whose patches are larger."""
 
 NOISY = 0.1
 """A cloud is noisy when its noise is above this share of the spacing; below, the numbers of points go over evenly."""
@@ -76,7 +76,7 @@ def make_base(points: ArrayLike, count: int = 0, close_holes: float = 0.0) -> Ba
     points
         (P, 3), scene units.
     count
-        Wanted number of vertices; 0: one for every 24 points, in noisy clouds for every sixty.
+        Wanted number of vertices; 0: one for every 24 points, in noisy clouds for every 36.
     close_holes
         Width up to which holes of the cloud are closed, scene units.
 
@@ -122,7 +122,7 @@ def _points_a_vertex(geometry: CloudGeometry) -> int:
 
 def _fine(points: Array, geometry: CloudGeometry) -> tuple[bool, Array, Indices]:
     """Whether a cloud is closed, and a fine mesh along it: vertices and triangles."""
-    tree, border = cKDTree(points), is_open(points)
+    tree, border = cKDTree(points), is_open(points, geometry.spacing, geometry.noise)
     noisy = geometry.noise > NOISIEST * geometry.spacing
     shells = [_Shell.around(points, tree, radius, noisy) for radius in _radii(geometry.spacing, border)]
     lasting = [shell for shell, larger in pairwise(shells) if shell.topology == larger.topology]

@@ -24,6 +24,10 @@ NEGLIGIBLE_NOISE = 0.02
 PATCHES_ASKED = 48
 """Patches from which the error of a radius is estimated."""
 
+NEARLY_LEAST = 0.35
+"""Of radii whose risks exceed the least by less than this share of the noise's variance the largest is taken: fits that
+move their domains follow the surface better than the estimate says, and larger patches reach across gaps."""
+
 LARGEST_SHIFT = 0.1
 """How far the domain is expected to move, in patch radii: the prior that sets the regularisation for noisy data."""
 
@@ -39,7 +43,8 @@ def ring_for_noise(
     if geometry.noise <= NEGLIGIBLE_NOISE * geometry.spacing:
         return RINGS[0]
     risks = [_risk(mesh, cloud, geometry, settings, ring, runner) for ring in RINGS]
-    return RINGS[int(np.argmin(risks))]
+    good = np.flatnonzero(np.array(risks) <= min(risks) + NEARLY_LEAST * geometry.noise**2)
+    return RINGS[int(good[-1])]
 
 
 def _risk(

@@ -17,9 +17,12 @@ from ..mesh.edges import connected_parts, edge_keys
 from ..mesh.triangle_mesh import build_mesh
 from .level_set import Grid, level_set
 
-NEIGHBOURS, TREE_NEIGHBOURS = 24, 12
+NEIGHBOURS, MOST_NEIGHBOURS, TREE_NEIGHBOURS = 24, 256, 12
 WIDEST_GAP = np.radians(150.0)
 """A point whose neighbours leave a wider angle free in its tangent plane lies on a border."""
+
+NOISE_RADII = 4.0
+"""The neighbours reach at least this many noise levels: those of fewer lie all around, whatever the surface."""
 
 BORDER_POINTS = 0.6
 """A cloud of P points is open when more than this multiple of the root of P lie on a border.  On a square of evenly
@@ -119,9 +122,24 @@ def unpinched(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
     return _large_parts(mesh.vertices[mesh.node_vertex], mesh.nodes)
 
 
-def is_open(points: Array) -> bool:
+def neighbours_in_noise(spacing: float, noise: float) -> int:
+    """Number of neighbours, a point itself included, that reach far enough beyond the noise to show a surface.
+
+    A disk of radius r holds pi (r / spacing)^2 points of a surface.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver.reconstruction.shell import neighbours_in_noise
+    >>> neighbours_in_noise(1.0, 0.0), neighbours_in_noise(1.0, 2.0)
+    (24, 201)
+    """
+    reach = NOISE_RADII * noise / max(spacing, 1e-300)
+    return int(np.clip(np.pi * reach**2, NEIGHBOURS, MOST_NEIGHBOURS))
+
+
+def is_open(points: Array, spacing: float, noise: float) -> bool:
     """Whether a cloud (P, 3) has a border: many of its points have neighbours on one side only."""
-    count = min(NEIGHBOURS, len(points))
+    count = min(neighbours_in_noise(spacing, noise), len(points))
     near = cKDTree(points).query(points, k=count)[1]
     around = points[near[:, 1:]] - points[:, None]
     centred = points[near] - points[near].mean(axis=1, keepdims=True)

@@ -55,16 +55,34 @@ def test_a_cavity_is_larger_than_a_bubble() -> None:
     assert not has_cavity(*sphere(8), radius=0.3 * radius)
 
 
+def opens(points: np.ndarray) -> bool:
+    """Whether a cloud is open, by the spacing and the noise that it shows."""
+    geometry = analyse(points)
+    return is_open(points, geometry.spacing, geometry.noise)
+
+
 @pytest.mark.parametrize("cloud", [ball(100), ball(3000, noise=0.005), box(3000), l_solid(2000), head(3000, 50)])
 def test_closed_clouds_are_not_open(cloud) -> None:
-    assert not is_open(cloud.points)
+    assert not opens(cloud.points)
+
+
+@pytest.mark.parametrize("cloud", [ball(6000), box(6000), l_solid(6000)])
+def test_noise_wider_than_the_spacing_opens_no_closed_cloud(cloud) -> None:
+    random = np.random.default_rng(0)
+    assert not opens(cloud.points + 2.0 * analyse(cloud.points).spacing * random.normal(size=cloud.points.shape))
+
+
+def test_noise_wider_than_the_spacing_closes_no_open_cloud() -> None:
+    random = np.random.default_rng(0)
+    points = hill(6000).points
+    assert opens(points + 2.0 * analyse(points).spacing * random.normal(size=points.shape))
 
 
 def test_open_clouds_are_open() -> None:
-    assert is_open(hill(2000).points)
-    assert is_open(hill(2000, noise=0.005).points)
+    assert opens(hill(2000).points)
+    assert opens(hill(2000, noise=0.005).points)
     half = ball(3000).points
-    assert is_open(half[half[:, 2] > 0.0])
+    assert opens(half[half[:, 2] > 0.0])
 
 
 def test_normals_of_a_sphere_all_point_to_one_side() -> None:
