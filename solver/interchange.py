@@ -81,6 +81,8 @@ class CloudArrays:
         What was subtracted from all coordinates before, so that single precision holds them.
     colours
         Of the points, (P, 4), or None where they have none.
+    normals
+        Of the points, (P, 3), in the same axes, or None where they have none.
     """
 
     points: NDArray[np.float32]
@@ -92,6 +94,7 @@ class CloudArrays:
     base_count: int = 0
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     colours: NDArray[np.float32] | None = None
+    normals: NDArray[np.float32] | None = None
 
     @classmethod
     def of_points(

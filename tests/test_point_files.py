@@ -80,6 +80,21 @@ def test_normals_are_no_colours(tmp_path: Path) -> None:
     assert read_point_file(written(tmp_path, "a.xyz", text)).colours is None
 
 
+def test_normals_are_read(tmp_path: Path) -> None:
+    normals = np.array([[0.0, 0.6, 0.8], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    lines = [[*point, *normal] for point, normal in zip(POINTS.tolist(), normals.tolist(), strict=True)]
+    text = "".join(" ".join(map(repr, line)) + "\n" for line in lines)
+    np.testing.assert_array_equal(read_point_file(written(tmp_path, "a.xyz", text)).normals, normals)
+    named = "x y z nx ny nz\n" + text.replace("0.6", "0.06")
+    found = read_point_file(written(tmp_path, "b.xyz", named))
+    np.testing.assert_array_equal(found.normals[0], [0.0, 0.06, 0.8])
+    assert read_point_file(written(tmp_path, "c.xyz", text.replace("0.6", "0.06"))).normals is None, "no lengths of one"
+    header = "FIELDS x y z normal_x normal_y normal_z\nSIZE 8 8 8 4 4 4\nTYPE F F F F F F\nPOINTS 3\nDATA ascii\n"
+    found = read_point_file(written(tmp_path, "a.pcd", header + text))
+    np.testing.assert_allclose(found.normals, normals, rtol=1e-7)
+    np.testing.assert_array_equal(found.points, POINTS)
+
+
 def test_rows_that_are_no_numbers_are_left_to_the_clean_look(tmp_path: Path) -> None:
     found = read_point_file(written(tmp_path, "a.xyz", "0 0 0\nnan 1 2\n1 inf 3\n"))
     assert np.isfinite(found.points).all(axis=1).tolist() == [True, False, False]

@@ -19,6 +19,9 @@ from .result_keys import SHIFT
 COLOURS = "Col"
 """Colours of points read from a file that holds no names."""
 
+NORMALS = "normal"
+"""What Blender calls the normals of a .ply file's points."""
+
 
 @dataclass(frozen=True)
 class CloudSource:
@@ -97,7 +100,8 @@ def read_cloud(
     else:
         arrays = CloudArrays(positions, *_read_base(base, points, lengths, depsgraph), cloud, splits)
     x, y, z = points.get(SHIFT, (0.0, 0.0, 0.0))
-    arrays = replace(arrays, shift=(x, y, z), colours=_colours(points, len(positions)))
+    normals = _normals(points, len(positions), lengths)
+    arrays = replace(arrays, shift=(x, y, z), colours=_colours(points, len(positions)), normals=normals)
     return CloudSource(points.name, points.session_uid, arrays, lengths)
 
 
@@ -109,6 +113,16 @@ def _colours(points: Object, count: int) -> NDArray[np.float32] | None:
         if points.data.color_attributes[name].domain == "POINT" and len(points.data.vertices) == count:
             return read(points.data, name)
     return None
+
+
+def _normals(points: Object, count: int, lengths: WorldLengths) -> NDArray[np.float32] | None:
+    """Normals that a file or the user gave the points, in the axes of `CloudArrays`, (P, 3)."""
+    if points.type not in ("MESH", "POINTCLOUD"):
+        return None
+    layer = points.data.attributes.get(NORMALS)
+    if layer is None or (layer.data_type, layer.domain, len(layer.data)) != ("FLOAT_VECTOR", "POINT", count):
+        return None
+    return lengths.to_local(read(points.data, NORMALS))  # a stretch of points shortens normals
 
 
 def _read_base(

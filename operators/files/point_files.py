@@ -24,7 +24,11 @@ TEXT_TABLES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 
 COMMENT = ("#", "//", "%")
 NAMES = {"red": "r", "green": "g", "blue": "b", "//x": "x", "easting": "x", "northing": "y", "elevation": "z"}
-"""What headers call the columns x, y, z, r, g, b otherwise."""
+NAMES |= {f"normal{joint}{axis}": f"n{axis}" for joint in ("", "_") for axis in "xyz"}
+"""What headers call the columns x, y, z, r, g, b, nx, ny, nz otherwise."""
+
+UNIT = 0.02
+"""Three columns without names hold normals if their lengths differ from one by less than this in every row."""
 
 PACKAGES = {".las": "laspy", ".laz": "laspy[lazrs]", ".e57": "pye57"}
 """What has to be installed to read these."""
@@ -32,10 +36,11 @@ PACKAGES = {".las": "laspy", ".laz": "laspy[lazrs]", ".e57": "pye57"}
 
 @dataclass(frozen=True)
 class PointFile:
-    """Points (P, 3), and their colours as the file has them, sRGB from 0 to 1, (P, 3), or None."""
+    """Points (P, 3), and as far as the file has them their colours, sRGB from 0 to 1, and normals, (P, 3) or None."""
 
     points: Floats
     colours: Floats | None = None
+    normals: Floats | None = None
 
 
 def read_point_file(path: Path) -> PointFile:
@@ -72,7 +77,7 @@ def _read_table(path: Path) -> PointFile:
         points = np.array([[row[k] for k in first] for row in rows], dtype=np.float64).reshape(-1, 3)
     except (ValueError, IndexError):
         raise FileFormatError(_bad_line(path, lines, first)) from None
-    return PointFile(points, _table_colours(rows, columns, path.suffix.lower()))
+    return PointFile(points, _table_colours(rows, columns, path.suffix.lower()), _table_normals(rows, columns))
 
 
 def _header(line: str) -> list[str] | None:
@@ -128,6 +133,22 @@ def _table_colours(rows: Sequence[Sequence[str]], columns: Sequence[str] | None,
     return _scaled(values)
 
 
+def _table_normals(rows: Sequence[Sequence[str]], columns: Sequence[str] | None) -> Floats | None:
+    """Normals of columns named nx, ny, nz; without names, of three numbers of length one at a row's end."""
+    if columns is not None and {"nx", "ny", "nz"} <= set(columns):
+        places = [columns.index(f"n{axis}") for axis in "xyz"]
+    elif columns is None and rows and len(rows[0]) in (6, 9):
+        places = [-3, -2, -1]
+    else:
+        return None
+    try:
+        values = np.array([[row[k] for k in places] for row in rows], dtype=np.float64)
+    except (ValueError, IndexError):
+        return None
+    unit = bool((np.abs(np.linalg.norm(values, axis=1) - 1.0) < UNIT).all())
+    return values if columns is not None or unit else None
+
+
 def _scaled(values: Floats) -> Floats | None:
     """Bring colours to 0 to 1, from bytes, words or shares."""
     if not np.isfinite(values).all() or values.min(initial=0.0) < 0.0:
@@ -154,7 +175,9 @@ def _read_pcd(path: Path) -> PointFile:
     except (KeyError, ValueError, IndexError):
         raise FileFormatError(f"'{path.name}' cannot be read: its header and its data do not agree.") from None
     points = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    return PointFile(points, _packed_colours(table))
+    named = [f"normal_{axis}" for axis in "xyz"]
+    normals = np.stack([table[name] for name in named], axis=1) if {*named} <= {*table.dtype.names} else None
+    return PointFile(points, _packed_colours(table), None if normals is None else normals.astype(np.float64))
 
 
 def _pcd_kind(header: dict[str, list[str]]) -> np.dtype[Any]:

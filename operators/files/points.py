@@ -15,7 +15,7 @@ from ..data import meshes as mesh_data
 from ..data import points as cloud_data
 from ..data.attributes import write
 from ..data.colours import srgb_to_linear
-from ..data.points import COLOURS
+from ..data.points import COLOURS, NORMALS
 from ..data.result_keys import SHIFT
 from .formats import POINTS
 from .meshes import named, read_meshes, read_objects
@@ -117,7 +117,7 @@ def _read(path: Path) -> PointFile:
 
 
 def _object_of(name: str, found: PointFile, shift: bool) -> Object:
-    """Put points with their colours into the scene."""
+    """Put points with their colours and normals into the scene."""
     origin = far_origin(found.points) if shift else np.zeros(3)
     made = new_object(name, found.points - origin)
     if origin.any():
@@ -125,6 +125,8 @@ def _object_of(name: str, found: PointFile, shift: bool) -> Object:
     if found.colours is not None:
         colours = np.concatenate([srgb_to_linear(found.colours), np.ones((len(found.colours), 1))], axis=1)
         write(made.data, {COLOURS: colours}, {COLOURS: ("FLOAT_COLOR", "POINT")})
+    if found.normals is not None:
+        write(made.data, {NORMALS: found.normals}, {NORMALS: ("FLOAT_VECTOR", "POINT")})
     return made
 
 

@@ -6,7 +6,7 @@ is made from nearest neighbours, and strays become part of a base that is made o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..mesh.edges import connected_parts
 from .geometry import typical_spacing
 from .strays import stray_points
+from .two_sides import outward_normals
 
 Number = TypeVar("Number", np.float64, np.int64)
 
@@ -52,6 +53,8 @@ class CleanCloud:
         How many rows were merged into others.
     shift
         What had been subtracted from the coordinates before, (3,).
+    outward
+        What `outward_normals` makes of given normals, (N, 3), or None.
     """
 
     rows: Array
@@ -61,6 +64,7 @@ class CleanCloud:
     not_finite: Booleans
     duplicates: int
     shift: Array
+    outward: Array | None = None
 
     def averaged(self, values: Array) -> Array:
         """Average values of the rows, (R, k), over those that became one point, (N, k)."""
@@ -86,10 +90,13 @@ class CleanCloud:
             "strays": int(self.strays.sum()),
             "not_finite": int(self.not_finite.sum()),
             "shift": [float(value) for value in self.shift],
+            "normals_used": self.outward is not None,
         }
 
 
-def clean(points: ArrayLike, keep_strays: bool = False, shift: Array | None = None) -> CleanCloud:
+def clean(
+    points: ArrayLike, keep_strays: bool = False, shift: Array | None = None, normals: Array | None = None
+) -> CleanCloud:
     """Look at a cloud's rows (R, 3): drop what is not finite, merge doubles, leave strays out.
 
     Parameters
@@ -100,6 +107,8 @@ def clean(points: ArrayLike, keep_strays: bool = False, shift: Array | None = No
         Let strays count like other points.
     shift
         What was subtracted from the coordinates before; only noted.
+    normals
+        Given ones of the rows, (R, 3), of any length: they tell the sides of thin parts apart.
 
     Raises
     ------
@@ -119,7 +128,10 @@ def clean(points: ArrayLike, keep_strays: bool = False, shift: Array | None = No
     source[finite] = np.where(stray, -1, np.cumsum(~stray) - 1)[number]
     strays[finite] = stray[number]
     moved = np.zeros(3) if shift is None else shift
-    return CleanCloud(rows, merged[~stray], source, strays, ~finite, len(number) - len(merged), moved)
+    found = CleanCloud(rows, merged[~stray], source, strays, ~finite, len(number) - len(merged), moved)
+    if normals is None or not np.isfinite(normals[source >= 0]).all():
+        return found
+    return replace(found, outward=outward_normals(found.points, found.averaged(normals)))
 
 
 def far_origin(points: Array) -> Array:

@@ -28,11 +28,12 @@ def automatic_splits(points: int, triangles: int) -> int:
 def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
     """Make a base where none is given, reconstruct, and evaluate the surface as a mesh."""
     made, start = None, 0.0
-    points = clean(arrays.points, keep_strays=arrays.cloud.strays == "keep", shift=np.array(arrays.shift))
+    normals = None if arrays.normals is None else arrays.normals.astype(np.float64)
+    points = clean(arrays.points, arrays.cloud.strays == "keep", np.array(arrays.shift), normals)
     vertices, polygons = arrays.base_vertices, arrays.polygons()
     if not arrays.has_base:
         start = BASE_SHARE
-        steps = make_base_steps(points.points, arrays.base_count, arrays.cloud.close_holes)
+        steps = make_base_steps(points.points, arrays.base_count, arrays.cloud.close_holes, points.outward)
         base = yield from within(steps, 0.0, start)
         made = base.vertices.astype(np.float32), base.triangles.astype(np.int32)
         vertices, polygons = made[0], list(base.triangles)

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Indices
 from ..mesh.clustering import one_in_each_cell
 from ..mesh.quadrics import quadric_terms
+from .two_sides import apart
 
 NEIGHBOURS = 16
 """Points in a neighbourhood, with the point itself."""
@@ -86,13 +87,18 @@ class CloudGeometry:
     creases: Array
 
 
-def analyse(points: Array) -> CloudGeometry:
-    """Analyse a cloud of at least four points, (P, 3)."""
-    tree = cKDTree(points)
-    distance, near = tree.query(points, k=min(NEIGHBOURS, len(points)))
-    spacing = typical_spacing(distance)
-    noise = noise_level(points, tree)
-    normals = one_sided_normals(points, near)
+def analyse(points: Array, outward: Array | None = None) -> CloudGeometry:
+    """Analyse a cloud of at least four points, (P, 3), whose thin parts `outward_normals`, (P, 3), may tell apart."""
+    tree, count = cKDTree(points), min(NEIGHBOURS, len(points))
+    distance, near = tree.query(points, k=count)
+    spacing, places, beside = typical_spacing(distance), points, near
+    if outward is not None:
+        places = apart(points, outward, spacing)
+        tree = cKDTree(places)
+        separate, beside = tree.query(places, k=count)
+        spacing = typical_spacing(separate)
+    noise = noise_level(points, tree, places)
+    normals = one_sided_normals(points, beside)
     creases = np.zeros((0, 3))
     if noise <= NOISIEST * spacing:
         creases = crease_points(points, normals, near, distance, spacing, noise)
@@ -111,7 +117,7 @@ def spacings(distance: Array) -> Array:
     return sides
 
 
-def noise_level(points: Array, tree: cKDTree) -> float:
+def noise_level(points: Array, tree: cKDTree, places: Array) -> float:
     """Standard deviation of points from quadrics fitted to their neighbours: a low quantile over the cloud.
 
     A surface that bends more within a neighbourhood than a quadric counts as noise: the points do not resolve it.
@@ -122,7 +128,7 @@ def noise_level(points: Array, tree: cKDTree) -> float:
         return 0.0
     asked = np.unique(np.linspace(0, len(points) - 1, min(NOISE_SAMPLES, len(points))).astype(np.int64))
     while True:
-        distance, near = tree.query(points[asked], k=count)
+        distance, near = tree.query(places[asked], k=count)
         deviation = deviation_from_quadric(points[near])
         freedom = count - 6
         share = NOISE_AT_QUANTILE if freedom == 18 else _chi_quantile(freedom)

@@ -25,6 +25,7 @@ from .holes import across_holes, faired
 from .level_set import Grid, level_set
 from .reconstruct import refuse_flat
 from .shell import has_cavity, is_open, outer_parts, parts, sheet, unpinched, without_slivers
+from .two_sides import faces_outward
 
 REACHES = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 """Radii of the balls that are tried, in spacings of the cloud.  The smallest counts whose shell has the topology of the
@@ -88,15 +89,17 @@ def make_base(points: ArrayLike, count: int = 0, close_holes: float = 0.0) -> Ba
     return run_to_end(make_base_steps(clean(points).points, count, close_holes))
 
 
-def make_base_steps(points: Array, count: int = 0, close_holes: float = 0.0) -> Steps[Base]:
-    """`make_base` as a generator of `Progress`, from points (P, 3) that were cleaned before."""
+def make_base_steps(
+    points: Array, count: int = 0, close_holes: float = 0.0, outward: Array | None = None
+) -> Steps[Base]:
+    """`make_base` as a generator of `Progress`, from points (P, 3) that were cleaned before, and their `outward`."""
     yield Progress("Making the base", 0.0)
     refuse_flat(points)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     size = float(np.ptp(points, axis=0).max())
     places = (points - middle) / size
-    geometry = analyse(places)
-    closed, vertices, triangles = _fine(places, geometry)
+    geometry = analyse(places, outward)
+    closed, vertices, triangles = _fine(places, geometry, outward)
     if close_holes and not closed:
         closed, vertices, triangles = _without_holes(places, geometry, vertices, triangles, close_holes / size)
     yield Progress("Making the base", 0.3)
@@ -120,13 +123,18 @@ def _points_a_vertex(geometry: CloudGeometry) -> int:
     return round(EXACT_POINTS_A_VERTEX + noisy * (NOISY_POINTS_A_VERTEX - EXACT_POINTS_A_VERTEX))
 
 
-def _fine(points: Array, geometry: CloudGeometry) -> tuple[bool, Array, Indices]:
-    """Whether a cloud is closed, and a fine mesh along it: vertices and triangles."""
+def _fine(points: Array, geometry: CloudGeometry, outward: Array | None = None) -> tuple[bool, Array, Indices]:
+    """Whether a cloud is closed, and a fine mesh along it: vertices and triangles.
+
+    A shell without a cavity is a sheet, or a thin part seen from both sides if normals say so.
+    """
     tree, border = cKDTree(points), is_open(points, geometry.spacing, geometry.noise)
     noisy = geometry.noise > NOISIEST * geometry.spacing
     shells = [_Shell.around(points, tree, radius, noisy) for radius in _radii(geometry.spacing, border)]
     lasting = [shell for shell, larger in pairwise(shells) if shell.topology == larger.topology]
     closed = [shell for shell in lasting if shell.closed] or [shell for shell in shells if shell.closed]
+    if border and not closed and outward is not None:
+        closed = [shell for shell in (lasting or shells) if faces_outward(*shell.mesh, points, outward)]
     if border and not closed:
         return False, *sheet(points, geometry.spacing, geometry.noise)
     chosen = (closed or lasting or shells[-1:])[0]
@@ -162,6 +170,11 @@ class _Shell:
     def around(cls, points: Array, tree: cKDTree, radius: float, noisy: bool) -> _Shell:
         shell = (_around_density if noisy else _around_balls)(points, tree, radius)
         return cls(*outer_parts(*shell), has_cavity(*shell, radius))
+
+    @property
+    def mesh(self) -> tuple[Array, Indices]:
+        """Vertices and triangles."""
+        return self.vertices, self.triangles
 
     @property
     def topology(self) -> tuple[int, int]:

@@ -253,7 +253,7 @@ class _Work:
         return Fitted(surface, self.weights, feet, distance, parametric, iterations, copied)
 
     def _geometry(self) -> CloudGeometry:
-        geometry = analyse(self.points)
+        geometry = analyse(self.points, self.clean.outward)
         return replace(geometry, noise=self.cloud.noise) if self.cloud.noise else geometry
 
     def _fitted_base(self) -> TriangleMesh:
