@@ -61,6 +61,9 @@ MOST_OFF_PLANES = 0.15
 SPARSEST = 3.0
 """A point that is this many times farther from its neighbours than usual gives no crease point."""
 
+POINTS_AT_ONCE = 2_000_000
+"""Points of neighbourhoods that are held in memory together."""
+
 NOISIEST = 0.5
 """With noise above this share of the spacing creases are not sought."""
 
@@ -176,6 +179,15 @@ def local_planes(points: Array, near: Indices) -> tuple[Array, Array, Array]:
     around = around - centres[:, None]
     values, axes = np.linalg.eigh(np.matmul(around.swapaxes(1, 2), around))
     return axes[:, :, 0], np.maximum(values[:, 0], 0.0) / near.shape[1], centres
+
+
+def on_planes(points: Array, count: int) -> Array:
+    """Points (P, 3), each moved onto the plane of least squares through its `count` nearest, itself included."""
+    tree, moved = cKDTree(points), []
+    for part in np.array_split(points, 1 + len(points) * count // POINTS_AT_ONCE):
+        normals, _, centres = local_planes(points, tree.query(part, k=count)[1])
+        moved.append(part - ((part - centres) * normals).sum(axis=1, keepdims=True) * normals)
+    return np.concatenate(moved)
 
 
 def crease_points(points: Array, normals: Array, near: Indices, distance: Array, spacing: float, noise: float) -> Array:

@@ -20,11 +20,11 @@ from ..mesh.decimation import decimated
 from ..progress import Progress, Steps, run_to_end
 from .base import BORDER_SPACINGS, border_near_points, checked_base, drawn_to_points
 from .cleaning import clean
-from .geometry import CloudGeometry, analyse
+from .geometry import CloudGeometry, analyse, on_planes
 from .holes import across_holes, faired
 from .level_set import Grid, level_set
 from .reconstruct import refuse_flat
-from .shell import has_cavity, is_open, outer_parts, parts, sheet, unpinched, without_slivers
+from .shell import has_cavity, is_open, neighbours_in_noise, outer_parts, parts, sheet, unpinched, without_slivers
 from .two_sides import faces_outward
 
 REACHES = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -43,6 +43,10 @@ NOISIEST = 0.5
 DENSITY_SHARE, DENSITY_NEIGHBOURS, KERNEL_REACH = 0.8, 128, 1.5
 """Share of the points' median density at which that shell lies, the nearest points that count, and how far from a point
 the density is sought, in radii."""
+
+CALMING_ROUNDS, CALM = 2, 0.15
+"""How often points of such a cloud are moved to planes first, and the share of the spacing below which noise is gone:
+of closed and open clouds with noise of 0.6 to 1.6 spacings 0.01 to 0.07 are left, of thin parts 0.3."""
 
 STEPS_A_RADIUS = 1.5
 """Steps of the grid to a ball's radius."""
@@ -99,9 +103,10 @@ def make_base_steps(
     size = float(np.ptp(points, axis=0).max())
     places = (points - middle) / size
     geometry = analyse(places, outward)
-    closed, vertices, triangles = _fine(places, geometry, outward)
+    calm, theirs = _calm(places, geometry)
+    closed, vertices, triangles = _fine(calm, theirs, outward)
     if close_holes and not closed:
-        closed, vertices, triangles = _without_holes(places, geometry, vertices, triangles, close_holes / size)
+        closed, vertices, triangles = _without_holes(calm, theirs, vertices, triangles, close_holes / size)
     yield Progress("Making the base", 0.3)
     count = count or int(np.clip(len(places) // _points_a_vertex(geometry), FEWEST, MOST))
     try:
@@ -121,6 +126,21 @@ def _points_a_vertex(geometry: CloudGeometry) -> int:
     """Number of points for each vertex of the base, where the user has not chosen its size."""
     noisy = min(geometry.noise / (NOISY * geometry.spacing), 1.0)
     return round(EXACT_POINTS_A_VERTEX + noisy * (NOISY_POINTS_A_VERTEX - EXACT_POINTS_A_VERTEX))
+
+
+def _calm(points: Array, geometry: CloudGeometry) -> tuple[Array, CloudGeometry]:
+    """Points (P, 3) for the base of a very noisy cloud, on planes through their neighbours, and their geometry.
+
+    Planes that reach beyond the noise average most of it away (Levin 1998).  Where they do not, parts are as thin as
+    the noise is wide, and planes would mix their sides: the points stay as they are, as in clouds with less noise.
+    """
+    if geometry.noise <= NOISIEST * geometry.spacing:
+        return points, geometry
+    calm, count = points, min(neighbours_in_noise(geometry.spacing, geometry.noise), len(points))
+    for _ in range(CALMING_ROUNDS):
+        calm = on_planes(calm, count)
+    theirs = analyse(calm)
+    return (calm, theirs) if theirs.noise < CALM * theirs.spacing else (points, geometry)
 
 
 def _fine(points: Array, geometry: CloudGeometry, outward: Array | None = None) -> tuple[bool, Array, Indices]:

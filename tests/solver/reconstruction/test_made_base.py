@@ -12,6 +12,7 @@ from sparse_surface.solver.interchange import CloudArrays
 from sparse_surface.solver.mesh.closest_points import closest_points
 from sparse_surface.solver.mesh.decimation import triangle_shapes
 from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
+from sparse_surface.solver.reconstruction.geometry import analyse
 from sparse_surface.solver.reconstruction.made_base import Base, make_base
 
 
@@ -150,3 +151,12 @@ def test_noise_wider_than_the_spacing_leaves_no_handles() -> None:
     assert base.closed
     assert euler_and_border(base) == (2, 0)
     assert cloud.distance(base.vertices).max() < 0.06
+
+
+@pytest.mark.parametrize("euler", [2, 1], ids=["ball", "hill"])
+@pytest.mark.parametrize("level", [0.6, 1.0, 1.6])
+def test_balls_and_sheets_keep_their_topology_in_wide_noise(euler: int, level: float) -> None:
+    points = (ball(3000) if euler == 2 else hill(3000)).points
+    noise = level * analyse(points).spacing
+    random = np.random.default_rng(0)
+    assert euler_and_border(make_base(points + noise * random.normal(size=points.shape)))[0] == euler
