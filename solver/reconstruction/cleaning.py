@@ -90,7 +90,6 @@ class CleanCloud:
             "strays": int(self.strays.sum()),
             "not_finite": int(self.not_finite.sum()),
             "shift": [float(value) for value in self.shift],
-            "normals_used": self.outward is not None,
         }
 
 

@@ -77,6 +77,7 @@ def _counts(fitted: Fitted, clean: CleanCloud, geometry: CloudGeometry, cloud: C
     """What `Report.input` says of the cloud."""
     return {
         **clean.counts(),
+        **({} if clean.outward is None else {"normals_used": True}),
         "spacing": geometry.spacing,
         "noise": geometry.noise,
         "crease_points": len(geometry.creases) if cloud.creases else 0,

@@ -57,7 +57,7 @@ def test_normals_that_show_no_thin_part_change_nothing() -> None:
     points = np.column_stack([u, 0.2 * np.sin(3.0 * u[:, 0])])
     signs = random.choice([-1.0, 1.0], 1500)[:, None]
     with_normals = solved(points, signs * [0.0, 0.0, 1.0])
-    assert not with_normals.report["input"]["normals_used"]
+    assert "normals_used" not in with_normals.report["input"]
     np.testing.assert_array_equal(with_normals.vertices, solved(points, None).vertices)
 
 
