@@ -197,10 +197,12 @@ def _mesh(chosen: Object, context: Context) -> Mesh:
 
 
 def _patches(vertices: int, ring: int, closed: bool, creases: int = 0) -> int:
-    if closed:  # a ring that reaches around the mesh is no disk; smaller ones are taken
-        ring = max(1, min(ring, int(math.sqrt(vertices / 3.0 + 0.25) - 0.5)))
     if ring == 1:
         return vertices
+    if closed:  # a ring that reaches around the mesh is no disk; smaller ones are taken, or parts of it
+        ring = min(ring, int(math.sqrt(vertices / 3.0 + 0.25) - 0.5))
+        if ring <= 1:
+            return min(FEWEST_ON_CLOSED, vertices)
     # a sheet is covered as if it reached beyond its border
     covered = vertices if closed else (math.sqrt(vertices) + BORDER * (ring - 1)) ** 2
     # the surface is cut along creases, so each edge is one of a border on both sides, with half a patch beyond it
