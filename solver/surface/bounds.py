@@ -96,12 +96,22 @@ def error_bounds(
         lower = max(lower, float(low.max(initial=0.0)))
         settled = high <= max(lower * (1.0 + accuracy), error.negligible)
         if splits == MOST_SPLITS or np.count_nonzero(~settled) > max(MOST_PARTS, len(representation.triangles)):
+            largest = np.sort(np.argsort(np.where(settled, 0.0, -high), kind="stable")[:MOST_PARTS])
+            lower = max(lower, _reached(representation, vertices, parts.select(largest)))
             settled[:] = True
         upper = max(upper, float(high[settled].max(initial=0.0)))
         if settled.all():
             break
         parts = parts.select(~settled).split()
     return lower, max(lower, upper)
+
+
+def _reached(representation: Representation, vertices: Array | None, parts: _Parts) -> float:
+    """Largest error in the middles of parts: a lower bound that no remainder makes smaller."""
+    middles = parts.corners.mean(axis=1)
+    corners = (representation.vertices if vertices is None else vertices)[representation.triangles[parts.triangle]]
+    off = representation.evaluate(parts.triangle, middles) - np.einsum("pk,pkd->pd", middles, corners)
+    return float(length_of(off).max(initial=0.0))
 
 
 def exceeding(

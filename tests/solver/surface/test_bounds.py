@@ -12,6 +12,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from sparse_surface.benchmarks.generated_models import cube, cylinder, moebius, sphere
 from sparse_surface.solver import Representation, Settings, approximate
+from sparse_surface.solver.surface import bounds
 from sparse_surface.solver.surface.bounds import ACCURACY, error_bounds, exceeding
 
 Array = NDArray[np.float64]
@@ -51,6 +52,16 @@ def test_the_error_lies_between_its_bounds(name: str, solver: str) -> None:
     assert upper <= max((1.0 + ACCURACY) * lower, 1e-11)
     # the lower bound is reached somewhere, and these points come near it
     assert lower <= 1.1 * largest + 1e-12
+
+
+def test_a_search_that_is_cut_off_still_finds_much_of_the_largest_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With functions of a high degree a model's remainder hides what the surface does, and splitting has its limits."""
+    settings = Settings(workers=1, degree=30, sparsity=496, beta1=0.0, beta2=0.0, iterations=4, sweeps=0, creases="off")
+    surface = approximate(*cube(6), replace(settings, ring=50)).representation
+    monkeypatch.setattr(bounds, "MOST_SPLITS", 2)
+    largest, (lower, upper) = float(errors(surface).max()), error_bounds(surface)
+    assert 0.5 * largest <= lower <= 1.1 * largest
+    assert largest <= upper
 
 
 @pytest.mark.parametrize("name", ["cut along creases", "open, borders pinned", "a domain for each coordinate"])
