@@ -137,7 +137,10 @@ def open_sidebar() -> Steps:
 
 
 def clear_scene() -> None:
-    """Remove every object and mesh, and set every setting back."""
+    """Remove every object and mesh, and set every setting back, but fit with NumPy.
+
+    With the compiled kernel small runs are over before anything can be done or seen beside them.
+    """
     if bpy.context.mode != "OBJECT":
         with in_viewport():
             bpy.ops.object.mode_set(mode="OBJECT")
@@ -147,6 +150,7 @@ def clear_scene() -> None:
     settings = bpy.context.scene.sparse_surface
     for each in settings.bl_rna.properties:
         settings.property_unset(each.identifier)
+    settings.solver = "numpy"
 
 
 def add_creased_grid(size: int, name: str = "Creased", steps: float = 3.0) -> Any:
