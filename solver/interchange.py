@@ -5,7 +5,9 @@ This module loads neither SciPy nor the solver, so that an owner that only shows
 
 from __future__ import annotations
 
+import io
 import pickle
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -158,7 +160,11 @@ class CloudOutcome:
     history: None = None
 
 
-_PIECE = 1 << 20
+_PIECE = 1 << 17
+"""Bytes that are copied between two rests."""
+
+_REST = 1e-4
+"""Seconds for other threads."""
 
 
 class StoredRepresentation:
@@ -171,8 +177,7 @@ class StoredRepresentation:
     """
 
     def __init__(self, draft: bytes | memoryview) -> None:
-        # In pieces, since `bytes` keeps every other thread waiting until it has copied the whole; `join` does not.
-        self.draft = b"".join([bytes(draft[start : start + _PIECE]) for start in range(0, len(draft), _PIECE)])
+        self.draft = _copied(draft)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[pickle.PickleBuffer]]:
         return StoredRepresentation, (pickle.PickleBuffer(self.draft),)
@@ -187,6 +192,19 @@ class StoredRepresentation:
         if name.startswith("__"):  # asked for by `copy` and `pickle`
             raise AttributeError(name)
         return getattr(self._opened, name)
+
+
+def _copied(content: bytes | memoryview) -> bytes:
+    """Return the bytes, copied so that no other thread waits for long.
+
+    Blender draws its panels by dozens of short calls of Python.  If this thread never rested, each of them would wait
+    the 5 ms after which it has to give up Python's lock.
+    """
+    gathered = io.BytesIO()
+    for start in range(0, len(content), _PIECE):
+        gathered.write(content[start : start + _PIECE])
+        time.sleep(_REST)
+    return gathered.getvalue()
 
 
 def _split(corners: NDArray[Any], sizes: NDArray[Any]) -> list[NDArray[Any]]:
