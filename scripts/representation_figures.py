@@ -72,9 +72,9 @@ def denoise_camera(path: Path) -> None:
 
 
 def inspect(path: Path) -> None:
-    """One patch of fandisk: where it is, both domains, its functions, their coefficients, the energy."""
+    """One patch of fandisk over its creases, as in the paper: both domains, its functions, coefficients, energy."""
     vertices, triangles = read_mesh(SHARED / "fandisk.obj")
-    result = approximate(vertices, triangles)
+    result = approximate(vertices, triangles, Settings(creases="off"))
     surface = result.representation
     sheet, fine = patch_sheet(surface, PATCH), patch_sheet(surface, PATCH, 4)
     rows = slice(*surface.triangle_offsets[PATCH : PATCH + 2])
