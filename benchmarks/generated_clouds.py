@@ -204,7 +204,7 @@ def _hull(points: Floats) -> Integers:
 
 
 def _hull_edges(points: Floats, triangles: Integers) -> Integers:
-    """Return the edges of a box's hull that are no diagonals of its faces."""
+    """Return the edges of a box's hull, without the diagonals of its faces."""
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     along_axis = (np.abs(points[edges[:, 0]] - points[edges[:, 1]]) > 1e-9).sum(axis=1) == 1
     return edges[along_axis]

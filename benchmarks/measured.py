@@ -7,7 +7,7 @@
     <!--measured:stages-->                                           a table, on lines of its own
     <!--measured:stages | model | solve | total-->                   some columns of one
 
-A row is named by its first cell or by some of its cells, "bunny, 2", that no other row has.  A mark that is no table
+A row is named by its first cell or by some of its cells, "bunny, 2", that no other row has.  A mark that is not a table
 must not begin a line: Markdown would take the line for HTML.  `make pages` fills the marks, a test compares them.
 """
 

@@ -173,7 +173,7 @@ def _write_meshes(path: Path, made: Sequence[Made]) -> None:
         elif splits:
             fine += [resample_object(bpy.context, each.result, splits) for each in together]
     written = fine or [each.result for each in made]
-    # A scene holds both; what distances were measured to is no source.
+    # A scene holds both; distances have no source beside them.
     models = [each.source for each in made if each.measured is None and path.suffix != ".blend"]
     source = made[0].input if models and not fine else None
     write_meshes(path, written, made[0].error_colours, models, source)

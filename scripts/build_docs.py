@@ -116,7 +116,7 @@ def site_text(text: str, source: Path, known: dict[Path, PurePosixPath]) -> str:
 
 
 def add_file(file: Path) -> PurePosixPath:
-    """Copy a file that is no page beside the pages; returns where."""
+    """Copy a file that is not a page beside the pages; returns where."""
     place = PurePosixPath("files", *file.parts)
     if not place.suffix:
         place = place.with_name(f"{place.name}.txt")

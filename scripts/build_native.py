@@ -27,7 +27,7 @@ ZIG = CHECKOUT / "wheels" / "zig"
 LARGEST = 512 * 1024
 """Bytes that a library may have."""
 
-# Sums may be reordered, so that they fit into vectors; infinities and what is no number keep their meaning.
+# Sums may be reordered, so that they fit into vectors; infinities and NaN keep their meaning.
 ARITHMETIC = ("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math", "-freciprocal-math")
 OPTIONS = ("-std=c11", "-O3", "-Wall", "-Wextra", "-ffp-contract=fast", "-fvisibility=hidden", *ARITHMETIC)
 WIDE = "-mprefer-vector-width=512"

@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def check(version: str) -> None:
     """Refuse what would make a wrong release, before anything is changed."""
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
-        raise ReleaseError(f"'{version}' is no version: three numbers are, such as 0.2.0.")
+        raise ReleaseError(f"'{version}' is not a version: write three numbers, such as 0.2.0.")
     changes = git("status", "--porcelain")
     if changes:
         raise ReleaseError(f"The checkout has changes; commit or remove them first:\n{changes}")

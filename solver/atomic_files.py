@@ -46,7 +46,7 @@ def atomic_output(path: Path, *, silent_writer: bool = False, beside: bool = Fal
 
     The draft has the same file name in a temporary folder beside `path`, because exporters write further files
     (materials, buffers) that refer to each other by name.  A file that is replaced keeps its permissions, a symbolic
-    link what it leads to; what is no regular file, a pipe for example, gets the content.
+    link what it leads to; a pipe, or anything else that is not a regular file, gets the content.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def test_a_release_has_one_version_notes_and_checksums(release: ModuleType, tmp_
 @pytest.mark.parametrize(
     ("version", "change", "said"),
     [
-        ("9.8", "", "is no version"),
+        ("9.8", "", "is not a version"),
         ("9.8.7", "new.txt", "has changes"),
         ("9.8.6", "", "must begin with '## 9.8.6 - unreleased'"),
         ("0.1.0", "", "must begin with"),

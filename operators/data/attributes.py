@@ -94,7 +94,7 @@ def write_positions(mesh: Mesh, positions: Values) -> None:
 
 
 def _as_it_lies(mesh: Mesh, name: str, count: int) -> Attribute | None:
-    """Return the attribute that holds a built-in value of so many elements, if Blender shows it."""
+    """Return the attribute that holds a built-in value of this many elements, if Blender shows it."""
     layer = mesh.attributes.get(name)
     return layer if layer is not None and len(layer.data) == count else None
 

@@ -66,7 +66,7 @@ class _Element:
 
 
 def _mapped_ply(path: Path) -> LargeFile | None:
-    """Map a binary .ply into memory; None where its faces differ in size, or it is no binary one."""
+    """Map a binary .ply into memory; None where its faces differ in size, or it is not a binary one."""
     with open(path, "rb") as file:
         head = _header(file)
         if head is None:

@@ -30,7 +30,7 @@ _DESCRIPTIONS = (
 
 
 def folder() -> Path | None:
-    """Return the folder of the library; None where the add-on is no extension, which has none."""
+    """Return the folder of the library; None where the add-on was not installed as an extension."""
     try:
         return Path(bpy.utils.extension_path_user(_ADD_ON, path="assets"))
     except ValueError:

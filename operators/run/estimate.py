@@ -199,7 +199,7 @@ def _mesh(chosen: Object, context: Context) -> Mesh:
 def _patches(vertices: int, ring: int, closed: bool, creases: int = 0) -> int:
     if ring == 1:
         return vertices
-    if closed:  # a ring that reaches around the mesh is no disk; smaller ones are taken, or parts of it
+    if closed:  # a ring that reaches around the mesh is not a disk; smaller ones are taken, or parts of it
         ring = min(ring, int(math.sqrt(vertices / 3.0 + 0.25) - 0.5))
         if ring <= 1:
             return min(FEWEST_ON_CLOSED, vertices)

@@ -38,7 +38,7 @@ CLOSE = triangle_grid(24)
 """Where uneven triangles are looked at: a polynomial of degree 14 changes sign at most 14 times along a side."""
 
 NEGLIGIBLE = 1e-3
-"""Errors below this share of the longest side are no reason to lower a degree."""
+"""Errors below this share of the longest side do not lower a degree."""
 
 DEGREE_FACTOR = 0.6
 """A lower degree is this share of the one before."""
@@ -86,7 +86,7 @@ def with_lower_degrees(
     error
         Errors of some patches, (n,).
     allowed
-        Largest error of each patch that is no reason to refit it, (K,) or the same for all.
+        Largest error of each patch that does not cause a refit, (K,) or the same for all.
     observe
         Makes observations from the patches that are to be refitted, (K,), and the degrees of all, (K,).
     asked

@@ -38,7 +38,7 @@ class Surface:
 def build_surface(mesh: TriangleMesh, cut: TriangleMesh | None = None) -> Surface:
     """Return the triangles of `mesh` with their neighbours.
 
-    If a copy of the mesh that is cut along edges is given, triangles on two sides of a cut are no neighbours.
+    If a copy of the mesh that is cut along edges is given, triangles on two sides of a cut are not neighbours.
     """
     whole, mesh = mesh, mesh if cut is None else cut
     triangles = mesh.triangles.copy()

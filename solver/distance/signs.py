@@ -23,7 +23,7 @@ SMALL = 1.0 / 200.0
 """A triangle smaller than this share of the mesh lies on one side of all else: its middle speaks for it."""
 
 UNDECIDED = 0.25
-"""Winding numbers that are no farther than this from one half decide nothing."""
+"""Winding numbers within this distance of one half decide nothing."""
 
 SHARED_PLACES = np.array([[1, 1, 1], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9]]) / [[3], [1], [1], [1]]
 STEEP = float(np.cos(np.radians(44.0)))

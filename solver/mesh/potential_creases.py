@@ -16,7 +16,7 @@ from .normals import angle_between, face_normals
 from .triangle_mesh import TriangleMesh, cut_along
 
 LEAST_DIHEDRAL = 12.0
-"""Edges that bend less, in degrees, are no creases."""
+"""Edges that bend less, in degrees, are not creases."""
 
 CONTRAST = 2.5
 """How many times as much a crease bends as the second calmest of the edges beside it."""
@@ -25,7 +25,7 @@ CALM = 1.0
 """Dihedrals below this are taken to be this large, degrees."""
 
 SHORTEST_CHAIN = 12
-"""A crease has at least so many edges."""
+"""The smallest number of edges of a crease."""
 
 STEEP = 75.0
 """Edges that bend by this, degrees, need less contrast: rods of six sides, which may mean round ones, bend less."""

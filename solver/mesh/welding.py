@@ -29,7 +29,7 @@ ROUNDINGS = 2.0
 """By how many steps of its number type two copies of a coordinate may differ."""
 
 MOST_NEIGHBOURS = 64
-"""A distance within which a border vertex has more others than this, on average, is no distance between copies."""
+"""A distance within which a border vertex has more others than this, on average, does not tell copies apart."""
 
 
 CELL_MARGIN = 0.01

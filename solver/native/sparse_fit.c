@@ -98,7 +98,7 @@ static void normal_equations(const Placed *placed, Choice *choice, const double 
 /* Choose the functions of all signals, (D, s). */
 static void select_functions(const Placed *placed, Choice *choice, bool ols, int32_t *support) {
     int stride = padded(placed->size);
-    /* the largest gain that the best of so many functions has on noise alone */
+    /* the largest gain that the best of this many functions has on noise alone */
     double worth = LARGEST_NOISE_GAIN * log(placed->size > 2 ? placed->size : 2) * placed->noise;
     for (int d = 0; d < placed->signals; d++) {
         Normal normal = {choice->gram, choice->correlation + d * stride, placed->size, stride};

@@ -75,7 +75,7 @@ static float sum_of_singles(Singles lanes) {
     return sum;
 }
 
-/* Unlike fmax and fmin these are no calls: they need not look for what is no number. */
+/* Unlike fmax and fmin these are not calls: they need not look for NaN. */
 static double larger(double a, double b) { return a > b ? a : b; }
 
 static double smaller(double a, double b) { return a < b ? a : b; }

@@ -39,7 +39,7 @@ class Disks:
     members
         Which triangles each has, (K, T).
     grown
-        Which are no whole rings, but grew within them, (K,).
+        Which are not whole rings, but grew within them, (K,).
     """
 
     centres: Indices

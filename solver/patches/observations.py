@@ -378,7 +378,7 @@ def _lips(mesh: TriangleMesh) -> Booleans:
 
 
 def _at_creases(lips: Booleans, patches: Patches) -> Booleans:
-    """Which patches hold a side of a crease and are no refinement, (K,)."""
+    """Which patches hold a side of a crease and are not a refinement, (K,)."""
     held = np.bincount(patches.vertex_patch, weights=lips[patches.nodes], minlength=len(patches)) > 0
     at_crease: Booleans = held & (patches.levels == 0)
     return at_crease

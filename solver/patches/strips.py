@@ -57,7 +57,7 @@ class _Strip:
         self._at_twin: Counter[int] = Counter()
 
     def grow(self, centre: int, ring: int, wanted: Booleans) -> int:
-        """Grow around a node; returns the radius in edges, 0 where its triangles are no disk."""
+        """Grow around a node; returns the radius in edges, 0 where its triangles are not a disk."""
         if not self._hold(centre):
             return 0
         graph, front, seen, reached = self._mesh.adjacency, [centre], {centre}, 1

@@ -1,6 +1,6 @@
 """A clean look at a cloud before anything else: which points count, and where the origin is best put.
 
-Real clouds hold rows that are no points, points that were written twice, and strays.  Doubles break every estimate that
+Real clouds hold rows that are not points, points that were written twice, and strays.  Doubles break each estimate that
 is made from nearest neighbours, and strays become part of a base that is made of all points; so both are found first.
 """
 

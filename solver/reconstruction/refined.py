@@ -23,7 +23,7 @@ ROUNDS = 4
 """How often a base is refined at most."""
 
 LEAST_GAIN, PATIENCE = 0.05, 2
-"""Rounds end when so many in a row take away a smaller share of the points outside.  The first often takes none: new
+"""Rounds end when this many in a row take away a smaller share of the points outside.  The first often takes none: new
 vertices lie on a coarse surface, and only the next round lets them leave it."""
 
 FEWEST_POINTS = 10

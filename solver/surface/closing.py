@@ -107,7 +107,7 @@ class Closing:
     corners
         d_v at their corners, (R, 3, 3), scene units.
     edge
-        Polynomial of each of their sides, (R, 3); -1 where it is no crease.
+        Polynomial of each of their sides, (R, 3); -1 where it is not a crease.
     polynomials
         Chebyshev coefficients of B_e along the sides on [-1, 1], (P, n, 3), scene units.
     vertices, places

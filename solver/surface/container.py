@@ -204,10 +204,10 @@ def _read_header(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> tuple[np.d
     with archive.open(entry) as stream:
         start = stream.read(len(MAGIC) + 2)
         length = int.from_bytes(start[len(MAGIC) :], "little")
-        demand(start[: len(MAGIC)] == MAGIC and length <= LARGEST_HEADER, f"{entry.filename[:40]!r} is no array")
+        demand(start[: len(MAGIC)] == MAGIC and length <= LARGEST_HEADER, f"{entry.filename[:40]!r} is not an array")
         match = HEADER.fullmatch(stream.read(length).decode("latin-1"))
     if match is None:
-        raise Refusal(f"{entry.filename[:40]!r} is no plain array")
+        raise Refusal(f"{entry.filename[:40]!r} is not a plain array")
     kind = np.dtype(match[1]) if match[1] in {"|u1", "<i2", *INDICES, *REAL} else np.dtype("V1")
     shape = tuple(int(size) for size in match[2].replace(" ", "").split(",") if size)
     begins = len(start) + length

@@ -13,7 +13,7 @@ SLACK = 1e-4
 
 
 def checked_places(face_index: ArrayLike, barycentric: ArrayLike, triangles: int) -> tuple[Indices, Array]:
-    """Return triangles (N,) and barycentric coordinates (N, 3) of places on a mesh of so many triangles.
+    """Return triangles (N,) and barycentric coordinates (N, 3) of places on a mesh of this many triangles.
 
     Raises
     ------

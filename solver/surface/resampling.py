@@ -212,7 +212,7 @@ def _on_creases(source: Representation, edges: Indices, chains: Indices) -> Indi
 
 
 def checked_splits(splits: int, corners: int) -> int:
-    """Return the number of parts that the edges of a mesh with so many face corners can be split into.
+    """Return the number of parts that the edges of a mesh with this many face corners can be split into.
 
     Raises
     ------

@@ -27,7 +27,7 @@ class Saved:
         try:
             self.__dict__[name] = found = initial_domains_of(self, method)
         except (ArithmeticError, LookupError, RuntimeError, ValueError) as error:
-            raise FileFormatError("The representation has patches that are no disks; its file was changed.") from error
+            raise FileFormatError("The representation has patches that are not disks; its file was changed.") from error
         return found
 
     @cached_property

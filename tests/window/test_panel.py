@@ -30,7 +30,7 @@ def test_button_is_disabled_without_a_mesh():
 
 
 def click(right: float, below: int) -> driver.Steps:
-    """Click into the sidebar: at this share of its width, so many pixels below its top."""
+    """Click into the sidebar: at this share of its width, this many pixels below its top."""
     over = driver.region("UI")
     x, y = over.x + int(over.width * right), over.y + over.height - below
     driver.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)

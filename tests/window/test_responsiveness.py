@@ -3,7 +3,7 @@
 A tick is a modal timer that redraws sixty times a second.  While the bunny's number of vertices is being solved, its
 95th percentile stays within 1.5 times the idle window's, and none takes more than 150 ms, whatever the idle window
 does.  The window's own tick redraws the sidebar, from the press of the button to the middle of the run.  The viewport's
-draws the whole 3D viewport anew, as for a user who turns the view; the source is drawn as a box in it, since how fast
+draws the whole 3D viewport again, as for a user who turns the view; the source is drawn as a box in it, since how fast
 Blender draws a large mesh by software is not what is measured, and the surface being solved is drawn as it always is.
 
 Nor does the window wait for a large result to arrive: Blender's own thread only takes what another one has made.

@@ -35,7 +35,7 @@ class Sizes:
         """Take the sizes that a head states, unless they contradict each other or lead to too much memory."""
         names = [field.name for field in fields(cls)]
         demand(isinstance(stated, dict) and sorted(stated) == sorted(names), "its sizes are not those of this format")
-        demand(all(type(size) is int and 0 <= size <= MOST for size in stated.values()), "a size is no number")
+        demand(all(type(size) is int and 0 <= size <= MOST for size in stated.values()), "a size is not a number")
         sizes = cls(**stated)
         demand(sizes.domains in (1, 3), f"it has {sizes.domains} domains for each patch")
         demand(sizes.functions <= MOST_FUNCTIONS, "a patch has too many functions")

@@ -278,7 +278,7 @@ def test_without_the_library_the_reason_names_the_platform(monkeypatch: pytest.M
 def test_a_broken_library_is_a_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
 
     broken = Path(str(tmp_path)) / "libkernel.so"
-    broken.write_bytes(b"this is no library")
+    broken.write_bytes(b"this is not a library")
     monkeypatch.setattr(library, "path", lambda: broken)
     library._loaded.cache_clear()
     try:

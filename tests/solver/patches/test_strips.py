@@ -53,7 +53,7 @@ def pin(sides: int) -> Mesh:
 
 
 def circles(*counts: int) -> set[tuple[int, int]]:
-    """Edges of closed loops of so many vertices, one after the other."""
+    """Edges of closed loops of this many vertices, one after the other."""
     edges, first = set(), 0
     for count in counts:
         edges |= {(min(a, b), max(a, b)) for k in range(count) for a, b in [(first + k, first + (k + 1) % count)]}

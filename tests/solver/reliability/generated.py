@@ -369,7 +369,7 @@ DAMAGES: tuple[tuple[str, Damage], ...] = (
     ("squashed to a point", _one_point),
     ("scaled", _rescale),
     ("moved far away", _move_far),
-    ("a coordinate that is no number", _not_a_number),
+    ("a coordinate that is not a number", _not_a_number),
     ("torn apart", _tear_apart),
     ("corners repeated", _repeat_corners),
     ("noise", _noise),

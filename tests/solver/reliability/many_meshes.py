@@ -3,7 +3,7 @@
     python tests/solver/reliability/many_meshes.py --count 12000 --first 0
 
 Every mesh is made from its number alone (see `generated.case`), so a failure can be looked at again with
-``--first N --count 1``.  The meshes are shared out to processes; each has so many seconds.
+``--first N --count 1``.  The meshes are shared out to processes; each has a limit of time.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def run(first: int, count: int, processes: int) -> tuple[list[Outcome], str]:
 
 
 def summary(outcomes: list[Outcome], processes: int, seconds: float) -> str:
-    """Say in one line what came of so many meshes."""
+    """Say in one line what came of the meshes."""
     kinds = collections.Counter(outcome.kind for outcome in outcomes)
     slowest = max(outcomes, key=lambda outcome: outcome.seconds)
     return (

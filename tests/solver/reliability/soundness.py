@@ -28,7 +28,7 @@ def approximated(vertices: ArrayLike, faces: Faces, settings: Settings) -> tuple
     Raises
     ------
     AssertionError
-        When the result is not sound, the refusal is no clear sentence, or good input is refused.
+        When the result is not sound, the refusal is not a clear sentence, or good input is refused.
     """
     before = np.array(vertices, copy=True)
     with warnings.catch_warnings():
@@ -47,7 +47,7 @@ def approximated(vertices: ArrayLike, faces: Faces, settings: Settings) -> tuple
 
 
 def check_sentence(text: str) -> None:
-    """One line, that ends as a sentence does, and is no programmer's jargon."""
+    """One line, that ends as a sentence does, and is free of programmers' jargon."""
     assert text.strip() == text
     assert text.endswith(".")
     assert "\n" not in text
