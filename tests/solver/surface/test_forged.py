@@ -187,5 +187,5 @@ def test_patches_that_are_no_disks_are_refused_in_a_sentence() -> None:
     triangles[: surface.triangle_offsets[1]] = triangles[0]
     forged_surface = replace(surface, patch_triangles=triangles, initial="lscm")
     del forged_surface.__dict__["initial_domains"]
-    with pytest.raises(FileFormatError, match="no disks"):
+    with pytest.raises(FileFormatError, match="not disks"):
         _ = forged_surface.initial_domains
