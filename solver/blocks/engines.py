@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
+from statistics import median
+from time import monotonic
 from typing import Any
 
 from ..errors import SparseSurfaceError, WorkerError
@@ -27,7 +29,25 @@ UNKNOWN_WORKERS = 4
 RETRIES = 3
 """How often Dask begins a block again whose worker was lost."""
 
+SLOW, SECONDS_BEFORE_A_COPY = 3.0, 5.0
+"""A block is sent a second time after this many times the median of the others' seconds, and never earlier
+than this many seconds."""
+
 LOST = "The workers were lost ({}); the blocks that are done are kept: the same call with the same folder goes on."
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """A block that an executor has, from a point in time on; a second future where a copy was sent, too."""
+
+    task: BlockTask
+    since: float
+    futures: list[Future[bytes]]
+
+    def cancel(self) -> None:
+        """Drop what has not begun."""
+        for future in self.futures:
+            future.cancel()
 
 
 @dataclass(frozen=True)
@@ -42,50 +62,76 @@ class Engine:
         How many blocks are solved at once.
     is_alive
         Whether the executor still works, as far as it can be known.
+    copies
+        Whether a block that takes much longer than others is sent out a second time.
     """
 
     executor: Executor | None = None
     workers: int = 1
     is_alive: Callable[[], bool] = lambda: True
+    copies: bool = False
 
     def run(self, tasks: Iterable[BlockTask]) -> Iterator[tuple[int, bytes | None]]:
         """Solve blocks and yield number and content of each, as they are done; no content while nothing is done.
 
         Tasks are made as late as possible.  Leaving the iteration early cancels those that have not started.
 
+        Once every block is sent out, one that takes `SLOW` times as long as the others is sent again: the machine
+        that has it may be stuck.  The first answer counts; both would be the same bytes.
+
         Raises
         ------
         WorkerError
             When the executor or its workers are lost, in one sentence that says how to go on.
         """
-        executor = self.executor
-        assert executor is not None
-        waiting: dict[Future[bytes], int] = {}
+        waiting: dict[int, _Sent] = {}
+        seconds: list[float] = []
         try:
             for task in tasks:
-                waiting[_guarded(executor.submit, solve_block, task)] = task.number
+                waiting[task.number] = _Sent(task, monotonic(), [self._submitted(task)])
                 del task  # not kept while waiting
                 if len(waiting) >= self.workers + TASKS_AHEAD:
-                    yield from self._done(waiting)
+                    yield from self._done(waiting, seconds)
             while waiting:
-                yield from self._done(waiting)
+                yield from self._done(waiting, seconds, copies=self.copies)
         finally:
-            for future in waiting:
-                future.cancel()
+            for sent in waiting.values():
+                sent.cancel()
 
-    def _done(self, waiting: dict[Future[bytes], int]) -> Iterator[tuple[int, bytes | None]]:
-        """Wait until some are done, and take them out."""
+    def _submitted(self, task: BlockTask) -> Future[bytes]:
+        assert self.executor is not None
+        future: Future[bytes] = _guarded(self.executor.submit, solve_block, task)
+        return future
+
+    def _done(
+        self, waiting: dict[int, _Sent], seconds: list[float], copies: bool = False
+    ) -> Iterator[tuple[int, bytes | None]]:
+        """Wait until some are done, take them out, and add how long each took to `seconds`."""
         looks, dead = 0, 0
-        while not (done := wait(waiting, SECONDS_BETWEEN_BEATS, FIRST_COMPLETED).done):
+        while not (done := wait(_futures(waiting), SECONDS_BETWEEN_BEATS, FIRST_COMPLETED).done):
             yield -1, None
             looks += 1
             if looks % BEATS_BETWEEN_LOOKS == 0:
                 dead = 0 if self.is_alive() else dead + 1
             if dead == LOOKS_AT_A_DEAD_ENGINE:
                 raise WorkerError(LOST.format("they do not answer any more"))
-        for future in done:
-            number = waiting.pop(future)
-            yield number, _guarded(future.result)
+            if copies and seconds:
+                self._copy_slow(waiting, max(SECONDS_BEFORE_A_COPY, SLOW * median(seconds)))
+        for number in [number for number, sent in waiting.items() if not done.isdisjoint(sent.futures)]:
+            sent = waiting.pop(number)
+            seconds.append(monotonic() - sent.since)
+            sent.cancel()
+            yield number, _guarded(next(future for future in sent.futures if future in done).result)
+
+    def _copy_slow(self, waiting: dict[int, _Sent], limit: float) -> None:
+        """Send blocks that have taken longer than `limit` seconds a second time."""
+        for sent in waiting.values():
+            if len(sent.futures) == 1 and monotonic() - sent.since > limit:
+                sent.futures.append(self._submitted(sent.task))
+
+
+def _futures(waiting: dict[int, _Sent]) -> list[Future[bytes]]:
+    return [future for sent in waiting.values() for future in sent.futures]
 
 
 def _guarded(function: Callable[..., Any], *args: Any) -> Any:
@@ -122,10 +168,13 @@ def engine_of(given: Any, workers: int, blocks: int) -> Iterator[Engine]:
         finally:
             own.shutdown(cancel_futures=True)
     elif hasattr(given, "get_executor"):
-        with given.get_executor(pure=False, retries=RETRIES) as executor:
-            yield Engine(executor, workers or _dask_threads(given), lambda: given.status == "running")
+        executor = given.get_executor(pure=False, retries=RETRIES)
+        try:
+            yield Engine(executor, workers or _dask_threads(given), lambda: given.status == "running", copies=True)
+        finally:
+            executor.shutdown(wait=False)  # a machine that is stuck may still have a block whose copy is done
     else:
-        yield Engine(given, workers or UNKNOWN_WORKERS)
+        yield Engine(given, workers or UNKNOWN_WORKERS, copies=True)
 
 
 def _dask_threads(client: Any) -> int:

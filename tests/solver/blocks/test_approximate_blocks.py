@@ -25,6 +25,7 @@ from sparse_surface.solver import (
     approximate_blocks,
     approximate_blocks_steps,
 )
+from sparse_surface.solver.blocks import engines
 from sparse_surface.solver.blocks.content import SolvedBlock
 from sparse_surface.solver.mesh.normals import face_normals
 
@@ -220,6 +221,27 @@ def test_a_lost_engine_is_one_sentence_and_no_block_is_solved_twice(terrain, cut
     found = approximate_blocks(*terrain, Settings(**FAST), executor=rest, **call)
     assert sorted(lost.numbers + rest.numbers) == [0, 1, 2, 3]
     assert same(cut, found)
+
+
+class Stuck(Executor):
+    """Never answers the first task that it gets."""
+
+    def __init__(self) -> None:
+        self.numbers: list[int] = []
+
+    def submit(self, function, /, task):
+        future = Future()
+        if self.numbers:
+            future.set_result(function(task))
+        self.numbers.append(task.number)
+        return future
+
+
+def test_a_block_that_is_stuck_is_sent_once_more(terrain, cut, monkeypatch) -> None:
+    monkeypatch.setattr(engines, "SECONDS_BEFORE_A_COPY", 0.1)
+    engine = Stuck()
+    assert same(cut, approximate_blocks(*terrain, Settings(**FAST), executor=engine, block_size=800))
+    assert engine.numbers == [0, 1, 2, 3, 0]
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -47,6 +47,27 @@ def test_a_killed_worker_is_replaced(terrain, expected) -> None:
         assert any("solve_block" in key for key in map(str, client.run_on_scheduler(history)))
 
 
+def test_blocks_of_a_machine_that_is_stuck_are_solved_elsewhere(terrain, expected, monkeypatch) -> None:
+    """A stopped process answers nothing and closes nothing, as a machine that swaps or hangs."""
+    monkeypatch.setattr(engines, "SECONDS_BEFORE_A_COPY", 1.0)
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "host": "127.0.0.1"}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        victim = next(iter(client.run(os.getpid).values()))
+        stopped: list[int] = []
+
+        def stop_one(step: Progress) -> None:
+            if step.detail.startswith("1 of") and not stopped:
+                os.kill(victim, signal.SIGSTOP)
+                stopped.append(victim)
+
+        try:
+            found = approximate_blocks(*terrain, FAST, block_size=500, executor=client, report=stop_one)
+        finally:
+            os.kill(victim, signal.SIGCONT)
+        assert stopped
+        assert found.vertices.tobytes() == expected
+
+
 def history(dask_scheduler) -> list[str]:
     """Names of the stages that the dashboard shows."""
     return list(dask_scheduler.task_prefixes)
