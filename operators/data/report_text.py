@@ -87,6 +87,7 @@ def warnings(report: Report, length: Length = plain) -> list[str]:
         _far_from_points(report, length),
         _outside(report, length),
         _layered(report),
+        _holes(report, length),
     ]
     return [sentence for sentence in said if sentence]
 
@@ -144,6 +145,19 @@ def _outside(report: Report, length: Length) -> str:
 def _layered(report: Report) -> str:
     text = translate("the points lie in two layers: what is thinner than they are apart became one sheet")
     return text if report["input"].get("layered") else ""
+
+
+def _holes(report: Report, length: Length) -> str:
+    """Say how many holes were closed where that was asked for, and why none were."""
+    widest = (report.get("cloud") or {}).get("close_holes")
+    if not widest:
+        return ""
+    closed = report["input"].get("holes_closed")
+    if closed is None:
+        return translate("holes of the base stay open: they are closed only where the base is made")
+    if not closed:
+        return translate("no open hole up to {} wide was found").format(length(widest))
+    return translate("holes closed: {}").format(closed)
 
 
 def _share(length: float, size: float) -> str:

@@ -27,7 +27,7 @@ def automatic_splits(points: int, triangles: int) -> int:
 
 def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
     """Make a base where none is given, reconstruct, and evaluate the surface as a mesh."""
-    made, start = None, 0.0
+    made, start, found = None, 0.0, {}
     normals = None if arrays.normals is None else arrays.normals.astype(np.float64)
     points = clean(arrays.points, arrays.cloud.strays == "keep", np.array(arrays.shift), normals)
     vertices, polygons = arrays.base_vertices, arrays.polygons()
@@ -36,6 +36,7 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
         steps = make_base_steps(points.points, arrays.base_count, arrays.cloud.close_holes, points.outward)
         base = yield from within(steps, 0.0, start)
         made = base.vertices.astype(np.float32), base.triangles.astype(np.int32)
+        found = {"holes_closed": base.holes_closed} if arrays.cloud.close_holes else {}
         vertices, polygons = made[0], list(base.triangles)
     fitting = reconstruct_clean(points, vertices, polygons, settings, arrays.cloud)
     result = yield from within(fitting, start, 0.97)
@@ -59,7 +60,7 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
         point_error=result.error,
         point_weight=result.weights,
         splits=splits,
-        report=result.report,
+        report=result.report | {"input": result.report["input"] | found},
         representation=representation,
         made_base=made,
         colours=colours,

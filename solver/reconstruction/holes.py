@@ -29,12 +29,20 @@ FREE_SPACINGS = 1.0
 def across_holes(vertices: Array, triangles: Indices, widest: float, spacing: float) -> Array:
     """Points across the holes of a manifold that are at most `widest` wide, about `spacing` apart, (N, 3)."""
     found = [np.zeros((0, 3))]
+    for border in narrow_holes(vertices, triangles, widest):
+        found += [_spread(border[triangle], spacing) for triangle in least_area(border)]
+    return np.concatenate(found)
+
+
+def narrow_holes(vertices: Array, triangles: Indices, widest: float) -> list[Array]:
+    """Borders of a manifold that are at most `widest` wide, each as a polygon (n, 3) of at most `MOST_CORNERS`."""
+    found = []
     for loop in border_loops(triangles):
         border = vertices[loop]
         border = border[np.linspace(0, len(border), min(len(border), MOST_CORNERS), endpoint=False).astype(np.int64)]
         if len(border) >= 3 and pdist(border).max() <= widest:
-            found += [_spread(border[triangle], spacing) for triangle in least_area(border)]
-    return np.concatenate(found)
+            found.append(border)
+    return found
 
 
 def border_loops(triangles: Indices) -> list[Indices]:

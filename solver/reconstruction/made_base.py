@@ -21,7 +21,7 @@ from ..progress import Progress, Steps, run_to_end
 from .base import BORDER_SPACINGS, border_near_points, checked_base, drawn_to_points
 from .cleaning import clean
 from .geometry import CloudGeometry, analyse, on_planes
-from .holes import across_holes, faired
+from .holes import across_holes, faired, narrow_holes
 from .level_set import Grid, level_set
 from .reconstruct import refuse_flat
 from .shell import has_cavity, is_open, neighbours_in_noise, outer_parts, parts, sheet, unpinched, without_slivers
@@ -66,11 +66,12 @@ HALFWAY = 1.5
 
 @dataclass(frozen=True)
 class Base:
-    """A base mesh: positions (V, 3), triangles (T, 3), and whether it is closed."""
+    """A base mesh: positions (V, 3), triangles (T, 3), whether it is closed, and how many holes were filled."""
 
     vertices: Array
     triangles: Indices
     closed: bool
+    holes_closed: int = 0
 
 
 def make_base(points: ArrayLike, count: int = 0, close_holes: float = 0.0) -> Base:
@@ -105,8 +106,11 @@ def make_base_steps(
     geometry = analyse(places, outward)
     calm, theirs = _calm(places, geometry)
     closed, vertices, triangles = _fine(calm, theirs, outward)
-    if close_holes and not closed:
-        closed, vertices, triangles = _without_holes(calm, theirs, vertices, triangles, close_holes / size)
+    widest = 0.0 if closed else close_holes / size
+    holes = len(narrow_holes(vertices, triangles, widest)) if widest else 0
+    if holes:
+        closed, vertices, triangles = _without_holes(calm, theirs, vertices, triangles, widest)
+        holes -= len(narrow_holes(vertices, triangles, widest))
     yield Progress("Making the base", 0.3)
     count = count or int(np.clip(len(places) // _points_a_vertex(geometry), FEWEST, MOST))
     try:
@@ -119,7 +123,7 @@ def make_base_steps(
     near = drawn_to_points(mesh, places, np.ones(len(places)))
     if not closed:
         near = border_near_points(near, places, BORDER_SPACINGS * geometry.spacing)
-    return Base(near.vertices * size + middle, near.triangles, closed)
+    return Base(near.vertices * size + middle, near.triangles, closed, max(holes, 0))
 
 
 def _points_a_vertex(geometry: CloudGeometry) -> int:
@@ -166,8 +170,6 @@ def _without_holes(
 ) -> tuple[bool, Array, Indices]:
     """Close the holes of a fine mesh that are at most `widest` wide; returns what `_fine` does."""
     across = across_holes(vertices, triangles, widest, geometry.spacing)
-    if not len(across):
-        return False, vertices, triangles
     closed, vertices, triangles = _fine(np.concatenate([points, across]), geometry)
     return closed, faired(vertices, triangles, points, across, geometry.spacing), triangles
 

@@ -42,9 +42,9 @@ def solved(points: np.ndarray, settings: Settings = QUICK, **cloud: float) -> Cl
 def test_a_hole_in_a_sphere_is_closed_by_a_smooth_cap() -> None:
     points = sphere_below(0.6)  # the hole is 1.6 wide
     assert solved(points).report["euler"] == 1
-    assert solved(points, close_holes=1.2).report["euler"] == 1
-    closed = solved(points, close_holes=1.8)
-    assert closed.report["euler"] == 2
+    too_narrow, closed = solved(points, close_holes=1.2), solved(points, close_holes=1.8)
+    assert (too_narrow.report["euler"], too_narrow.report["input"]["holes_closed"]) == (1, 0)
+    assert (closed.report["euler"], closed.report["input"]["holes_closed"]) == (2, 1)
     top = closed.vertices[closed.vertices[:, 2] > 0.62].astype(np.float64)
     # a flat lid would be at 0.6; the sphere's top is at 1
     assert len(top)
@@ -56,6 +56,7 @@ def test_a_hole_in_a_sphere_is_closed_by_a_smooth_cap() -> None:
 def test_only_holes_up_to_the_width_are_closed(widest: float, euler: int) -> None:
     outcome = solved(sheet_with_holes(), close_holes=widest)
     assert outcome.report["euler"] == euler
+    assert outcome.report["input"].get("holes_closed") == (euler + 1 if widest else None)  # Euler -1: both are open
     vertices = outcome.vertices.astype(np.float64)
     assert np.abs(vertices[:, 2] - waves(vertices[:, :2])[:, 2]).max() < 0.03
 
