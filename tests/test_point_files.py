@@ -171,3 +171,57 @@ def test_a_missing_package_is_named(tmp_path: Path, monkeypatch, name: str, pack
     monkeypatch.setitem(__import__("sys").modules, package, None)  # as if it were not installed
     with pytest.raises(FileFormatError, match=f"'{name}' needs the Python package {package}: pip install"):
         read_point_file(written(tmp_path, name, b"x"))
+
+
+# ----------------------------------------------------------------------------------------------------------------- E57
+
+
+def e57_with_normals(path: Path, points: np.ndarray, normals: np.ndarray, valid: np.ndarray) -> None:
+    """Write a scan as scanners do: turned by a quarter about z and moved, points that were not measured marked."""
+    package = pytest.importorskip("pye57", reason="an optional extra")
+    library, file = package.libe57, package.E57(str(path), mode="w")
+    image, fields = file.image_file, [f"cartesian{axis}" for axis in "XYZ"] + [f"nor:normal{axis}" for axis in "XYZ"]
+    image.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
+    scan, prototype, pose = (library.StructureNode(image) for _ in range(3))
+    columns = [np.ascontiguousarray(column) for column in np.hstack([points, normals]).T]
+    for name in fields:
+        prototype.set(name, library.FloatNode(image, 0.0, library.E57_DOUBLE, -10.0, 10.0))
+    prototype.set("cartesianInvalidState", library.IntegerNode(image, 0, 0, 1))
+    turn, move = {"w": 0.5**0.5, "x": 0.0, "y": 0.0, "z": 0.5**0.5}, {"x": 100.0, "y": 0.0, "z": 0.0}
+    for part, values in (("rotation", turn), ("translation", move)):
+        node = library.StructureNode(image)
+        for name, value in values.items():
+            node.set(name, library.FloatNode(image, value))
+        pose.set(part, node)
+    scan.set("pose", pose)
+    stored = library.CompressedVectorNode(image, prototype, library.VectorNode(image, True))
+    scan.set("points", stored)
+    file.data3d.append(scan)
+    buffers = library.VectorSourceDestBuffer()
+    for name, column in zip([*fields, "cartesianInvalidState"], [*columns, 1.0 - valid], strict=True):
+        buffers.append(library.SourceDestBuffer(image, name, column, len(points), True, True))
+    writer = stored.writer(buffers)
+    writer.write(len(points))
+    writer.close()
+    file.close()
+
+
+def test_normals_of_an_e57_scan_are_turned_with_it(tmp_path: Path) -> None:
+    points = np.array([[1.0, 2.0, 3.0], [9.0, 9.0, 9.0], [-1.0, 0.5, 0.25]])
+    normals = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]])
+    e57_with_normals(tmp_path / "a.e57", points, normals, np.array([1.0, 0.0, 1.0]))
+    found = read_point_file(tmp_path / "a.e57")
+    np.testing.assert_allclose(found.points, [[98.0, 1.0, 3.0], [99.5, -1.0, 0.25]], atol=1e-12)
+    np.testing.assert_allclose(found.normals, [[0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]], atol=1e-12)
+
+
+def test_an_e57_file_without_normals(tmp_path: Path) -> None:
+    package = pytest.importorskip("pye57", reason="an optional extra")
+    columns = {f"cartesian{axis}": np.array([0.0, 1.0, 2.5]) for axis in "XYZ"}
+    columns |= {f"color{name}": np.array([0, 255, 51]) for name in ("Red", "Green", "Blue")}
+    with package.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        file.write_scan_raw(columns)
+    found = read_point_file(tmp_path / "a.e57")
+    np.testing.assert_array_equal(found.points, np.repeat([[0.0], [1.0], [2.5]], 3, axis=1))
+    np.testing.assert_allclose(found.colours, np.repeat([[0.0], [1.0], [0.2]], 3, axis=1))
+    assert found.normals is None

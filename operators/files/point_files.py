@@ -33,6 +33,10 @@ UNIT = 0.02
 PACKAGES = {".las": "laspy", ".laz": "laspy[lazrs]", ".e57": "pye57"}
 """What has to be installed to read these."""
 
+E57_NORMALS = ("nor:normalX", "nor:normalY", "nor:normalZ")
+E57_INVALID = ("cartesianInvalidState", "sphericalInvalidState")
+"""Fields of a scan: normals, and what marks points that were not measured."""
+
 
 @dataclass(frozen=True)
 class PointFile:
@@ -256,16 +260,39 @@ def _read_las(path: Path) -> PointFile:
 
 
 def _read_e57(path: Path) -> PointFile:
-    scans = _package("pye57", path).E57(str(path))
-    points, colours = [], []
-    for number in range(scans.scan_count):
-        scan = scans.read_scan(number, ignore_missing_fields=True, colors=True)
+    package = _package("pye57", path)
+    file = package.E57(str(path))
+    points, colours, normals = [], [], []
+    for number in range(file.scan_count):
+        scan = file.read_scan(number, ignore_missing_fields=True, colors=True)
         points.append(np.stack([scan[f"cartesian{axis}"] for axis in "XYZ"], axis=1).astype(np.float64))
         if "colorRed" in scan:
             colours.append(np.stack([scan[f"color{name}"] for name in ("Red", "Green", "Blue")], axis=1))
+        normals += _e57_normals(package.libe57, file, number)
     whole = np.concatenate(points) if points else np.zeros((0, 3))
-    coloured = sum(map(len, colours)) == len(whole) and len(whole) > 0
-    return PointFile(whole, _scaled(np.concatenate(colours).astype(np.float64)) if coloured else None)
+    coloured, directed = (len(whole) > 0 and sum(map(len, each)) == len(whole) for each in (colours, normals))
+    return PointFile(
+        whole,
+        _scaled(np.concatenate(colours).astype(np.float64)) if coloured else None,
+        np.concatenate(normals) if directed else None,
+    )
+
+
+def _e57_normals(library: Any, file: Any, number: int) -> list[Floats]:
+    """Normals of a scan's valid points, (P, 3), turned as the scan is; nothing where it has none.
+
+    They are an extension of the format that `read_scan` leaves out.
+    """
+    header = file.get_header(number)
+    if not {*E57_NORMALS} <= {*header.point_fields}:
+        return []
+    wanted = [*E57_NORMALS, *(name for name in E57_INVALID if name in header.point_fields)]
+    columns, buffers = np.zeros((len(wanted), header.point_count)), library.VectorSourceDestBuffer()
+    for name, column in zip(wanted, columns, strict=True):
+        buffers.append(library.SourceDestBuffer(file.image_file, name, column, header.point_count, True, True))
+    header.points.reader(buffers).read()
+    valid = ~columns[3:].any(axis=0)
+    return [columns[:3, valid].T @ header.rotation_matrix.T]
 
 
 def _package(name: str, path: Path) -> Any:
