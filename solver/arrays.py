@@ -57,6 +57,13 @@ def extent_of(points: Array) -> Array:
     return np.array([np.ptp(column) for column in points.T])
 
 
+def named_by(numbers: Indices, count: int) -> Booleans:
+    """Return which of `count` things some numbers name, (count,)."""
+    named = np.zeros(count, dtype=bool)
+    named[numbers] = True
+    return named
+
+
 def offsets_of(sizes: Indices) -> Indices:
     """Return where rows of the given sizes, (K,), start and end: (K + 1,), from 0."""
     offsets = np.zeros(len(sizes) + 1, dtype=np.int64)
@@ -79,7 +86,7 @@ def padded_rows(
     """Return K arrays (*leading, n) of different n as one, (K, *leading, largest n), the rows' ends filled."""
     longest = max((row.shape[-1] for row in rows), default=0)
     if rows and all(row.shape[-1] == longest for row in rows):
-        return np.array(rows, dtype=dtype)
+        return np.concatenate(rows, dtype=dtype).reshape(len(rows), *leading, longest)
     wide = np.full((len(rows), *leading, longest), filler, dtype=dtype)
     for place, row in zip(wide, rows, strict=True):
         place[..., : row.shape[-1]] = row
@@ -96,12 +103,15 @@ def runs_of_rows(offsets: Indices, most: int) -> Iterator[tuple[int, int]]:
 
 def rows_in_order(rows: Indices, names: Indices, wanted: Indices) -> Indices:
     """Return each row, (S, 3), permuted in such a way that the `names` of its entries come in the `wanted` order."""
-    found = np.empty_like(rows)
+    found = rows.copy()
+    other = np.flatnonzero(any_of(names != wanted))  # most stand in order
+    rows, names, wanted = (table[other] for table in (rows, names, wanted))
     for column in range(rows.shape[1]):
-        found[:, column] = rows[:, 0]
+        own = rows[:, 0].copy()
         for place in range(1, rows.shape[1]):
             # the first of equal names, as others may not stand there
             at = names[:, place] == wanted[:, column]
             at &= ~any_of(names[:, :place] == wanted[:, column, None])
-            np.copyto(found[:, column], rows[:, place], where=at)
+            np.copyto(own, rows[:, place], where=at)
+        found[other, column] = own
     return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Booleans, Indices
+from ..arrays import Booleans, Indices, named_by
 from ..mesh.sampling import triangle_grid
 from ..surface.bounds import error_bounds, exceeding
 from ..surface.representation import Representation
@@ -88,7 +88,7 @@ def _outside(surface: MeshSurface, asked: Indices) -> Booleans:
     room = ROOM * mesh.longest_side
     far = asked[exceeding(representation, room, asked, each=surface.runner.each)]
     points = representation.evaluate(np.repeat(far, len(GRID)), np.tile(GRID, (len(far), 1))).reshape(-1, len(GRID), 3)
-    used = mesh.vertices[np.unique(mesh.triangles)]
+    used = mesh.vertices[named_by(mesh.triangles, len(mesh.vertices))]
     out = ((points < used.min(axis=0) - room) | (points > used.max(axis=0) + room)).any(axis=(1, 2))
     result = np.zeros(len(mesh.triangles), dtype=bool)
     result[far[out]] = True

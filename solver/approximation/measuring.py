@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, extent_of, length_of
+from ..arrays import Array, extent_of, length_of, named_by
 from ..fitting.chunks import PatchFit
 from ..fitting.solution import summed_histories
 from ..mesh.triangle_mesh import TriangleMesh
@@ -60,7 +60,7 @@ class Deviation:
             length_of(stored - vertices),
             surface_error(representation, vertices=vertices, each=each),
             normal_error(vertices, stored, triangles),
-            float(extent_of(vertices[np.unique(triangles)]).max()),
+            float(extent_of(vertices[named_by(triangles, len(vertices))]).max()),
             bounds,
         )
 

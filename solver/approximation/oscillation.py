@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ..arrays import Array, Booleans, Indices, largest_of, length_of, offsets_of, rows_at, runs_of_rows
-from ..mesh.sampling import SURFACE_SAMPLES, triangle_grid
+from ..mesh.sampling import SURFACE_SAMPLES, points_inside, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
 from ..processes.each import all_done
@@ -181,8 +181,7 @@ def errors_between(surface: MeshSurface) -> Array:
         return np.maximum.reduceat(errors, starts) if len(starts) else np.zeros(0)
     errors = np.empty(len(representation.mesh_triangles))
     for rows, values in representation.at_patch_samples(NEAR_EDGES):
-        corners = mesh.vertices[triangles[representation.mesh_triangles[rows]]]
-        flat = np.einsum("qk,tkd->tqd", NEAR_EDGES, corners)
+        flat = points_inside(mesh.vertices, triangles[representation.mesh_triangles[rows]], NEAR_EDGES)
         weights = representation.weights[representation.corners[rows]] @ NEAR_EDGES.T
         errors[rows] = (np.linalg.norm(values - flat, axis=2) * weights).max(axis=1)
     return np.maximum.reduceat(errors, starts) if len(starts) else np.zeros(0)

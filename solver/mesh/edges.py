@@ -17,6 +17,11 @@ def edge_keys(one: Indices, other: Indices, vertex_count: int) -> Indices:
     return keys
 
 
+def stable_order(numbers: Indices) -> Indices:
+    """Return `numpy.argsort(numbers, kind="stable")` of whole numbers from 0 on, by counting digits."""
+    return graphs.stable_order(numbers) if reason_against() is None else np.argsort(numbers, kind="stable")
+
+
 def connected_parts(one: Indices, other: Indices, count: int) -> tuple[int, Indices]:
     """Return how many parts the edges from `one` to `other`, (E,) each, leave of `count` nodes, and each node's part.
 

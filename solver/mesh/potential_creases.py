@@ -62,14 +62,16 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     """
     dihedral = dihedrals(mesh)
     bend = np.where(mesh.triangle_edges >= 0, dihedral[mesh.triangle_edges], 0.0)
-    others = np.sort(_other_edges(mesh, bend), axis=1)
-    steep = _steep_edges(mesh, dihedral, bend, others[:, 2])
-    beside = others[:, 1], np.sort(_parallel_edges(mesh, bend, steep), axis=1)[:, 1]
     paired = np.flatnonzero(mesh.edge_triangles[:, 1] >= 0)
-    calm = np.maximum(np.maximum(*beside), CALM)
-    strong = (dihedral[paired] >= LEAST_DIHEDRAL) & (dihedral[paired] >= CONTRAST * calm)
+    bent = dihedral[paired] >= LEAST_DIHEDRAL
+    edges, sides = paired[bent], mesh.paired_sides[bent]
+    others = np.sort(_other_edges(bend, sides), axis=1)
+    steep = _steep_edges(mesh, dihedral, bend, (edges, sides), others[:, 2])
+    alone = dihedral[edges] >= CONTRAST * np.maximum(others[:, 1], CALM)
+    edges, sides = edges[alone], sides[alone]
+    parallel = np.sort(_parallel_edges(mesh, bend, sides, steep), axis=1)
     candidates = steep.copy()
-    candidates[paired[strong]] = True
+    candidates[edges[dihedral[edges] >= CONTRAST * parallel[:, 1]]] = True
     candidates &= mesh.named_by_vertices
     chain = np.full(len(dihedral), -1)
     ends = mesh.edges[candidates]
@@ -79,7 +81,9 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     return PotentialCreases(dihedral, chain)
 
 
-def _steep_edges(mesh: TriangleMesh, dihedral: Array, bend: Array, other: Array) -> Booleans:
+def _steep_edges(
+    mesh: TriangleMesh, dihedral: Array, bend: Array, bent: tuple[Indices, Indices], other: Array
+) -> Booleans:
     """Find edges that bend by 75 degrees or more, and 2.5 times as much as those beside them but their own kind, (E,).
 
     Around a wall that is one strip wide the parallel edges are such edges, too.
@@ -88,15 +92,19 @@ def _steep_edges(mesh: TriangleMesh, dihedral: Array, bend: Array, other: Array)
     ----------
     dihedral, bend
         Of the edges, (E,), and of the triangles' edges, (T, 3).
+    bent
+        Edges that may be steep, (J,), and the sides of both their triangles, (J, 2).
     other
-        Third smallest bend of the other edges of each paired edge's triangles, (J,).
+        Third smallest bend of the other edges of these triangles, (J,).
     """
-    steep, paired = np.zeros(len(dihedral), dtype=bool), np.flatnonzero(mesh.edge_triangles[:, 1] >= 0)
-    limit = np.where(dihedral >= STEEP, dihedral / CONTRAST, -1.0)[paired]
-    steep[paired] = other <= limit
-    if steep.any():
-        calm = np.where((mesh.triangle_edges >= 0) & steep[mesh.triangle_edges], 0.0, bend)
-        steep[paired] &= _parallel_edges(mesh, calm).max(axis=1) <= limit
+    edges, sides = bent
+    limit = dihedral[edges] / CONTRAST
+    likely = (dihedral[edges] >= STEEP) & (other <= limit)
+    edges, sides, limit = edges[likely], sides[likely], limit[likely]
+    steep = np.zeros(len(dihedral), dtype=bool)
+    steep[edges] = True
+    calm = np.where((mesh.triangle_edges >= 0) & steep[mesh.triangle_edges], 0.0, bend)
+    steep[edges] = _parallel_edges(mesh, calm, sides).max(axis=1) <= limit
     return steep
 
 
@@ -136,13 +144,13 @@ def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:
     return cut_along(mesh, creases) if creases.any() else mesh
 
 
-def _other_edges(mesh: TriangleMesh, bend: Array) -> Array:
-    """Bend of the four other edges of each paired edge's triangles, (J, 4), from that of the triangles' (T, 3)."""
-    triangle, corner = np.divmod(mesh.paired_sides, 3)
+def _other_edges(bend: Array, sides: Indices) -> Array:
+    """Bend of the four other edges of the triangles beside edges with sides (J, 2), (J, 4), from all (T, 3)."""
+    triangle, corner = np.divmod(sides, 3)
     return np.concatenate([bend[triangle, (corner + k) % 3] for k in (1, 2)], axis=1)
 
 
-def _parallel_edges(mesh: TriangleMesh, bend: Array, steep: Booleans | None = None) -> Array:
+def _parallel_edges(mesh: TriangleMesh, bend: Array, both: Indices, steep: Booleans | None = None) -> Array:
     """The same of the four edges opposite to the ends of each edge, in the triangles beyond its own; 0 without one.
 
     Infinite beyond edges that are `steep`, (E,).
@@ -150,7 +158,7 @@ def _parallel_edges(mesh: TriangleMesh, bend: Array, steep: Booleans | None = No
     twin = np.full(mesh.triangles.size, -1)
     twin[mesh.paired_sides] = mesh.paired_sides[:, ::-1]
     found = []
-    for sides in mesh.paired_sides.T:
+    for sides in both.T:
         triangle, corner = np.divmod(sides, 3)
         apex = mesh.nodes[triangle, (corner + 2) % 3]
         for k in (1, 2):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Booleans, Indices, any_of, folded
-from .edges import connected_parts, edge_keys
+from .edges import connected_parts, edge_keys, stable_order
 from .normals import triangle_areas, unit
 
 _MOST_PAIRED_TRIANGLES = 8  # an edge with more triangles than this is cut between all of them
@@ -38,7 +38,7 @@ def _sides_by_edge(
     """Sides sorted by the edge that they run along, where each edge's begin, (E,), and how many it has, (E,)."""
     sides = np.flatnonzero(np.repeat(proper, 3))
     key = edge_keys(triangles.reshape(-1)[sides], following.reshape(-1)[sides], vertex_count)
-    order = np.argsort(key, kind="stable")
+    order = stable_order(key)
     sides, key = sides[order], key[order]
     first = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, np.int64)
     return sides, first, np.diff(np.concatenate((first, [len(key)])))
@@ -125,16 +125,19 @@ def split_into_fans(
     )
     _, fan = connected_parts(links[:, 0], links[:, 1], triangles.size)
     corners = np.flatnonzero(np.repeat(proper, 3))
-    fans, first = np.unique(fan[corners], return_index=True)
-    fan_vertex = triangles.reshape(-1)[corners[first]]
-    order = np.lexsort((first, fan_vertex))
-    extra = np.concatenate(([False], fan_vertex[order][1:] == fan_vertex[order][:-1]))
-    node_of_fan = np.full(int(fan.max()) + 1, -1, dtype=np.int64)
-    node_of_fan[fans] = fan_vertex
-    node_of_fan[fans[order[extra]]] = vertex_count + np.arange(int(extra.sum()))
+    vertex, fan = triangles.reshape(-1)[corners], fan[corners]
+    # parts are numbered by their lowest corners, so a fan's number says which of a vertex's comes first
+    node_of_fan = np.full(triangles.size, -1, dtype=np.int64)
+    node_of_fan[fan] = vertex
+    fans = np.flatnonzero(node_of_fan >= 0)
+    first_fan = np.full(vertex_count, -1, dtype=np.int64)
+    first_fan[node_of_fan[fans[::-1]]] = fans[::-1]
+    extra = fans[first_fan[node_of_fan[fans]] != fans]
+    extra = extra[np.argsort(node_of_fan[extra], kind="stable")]
+    node_vertex = np.concatenate((np.arange(vertex_count), node_of_fan[extra]))
+    node_of_fan[extra] = vertex_count + np.arange(len(extra))
     nodes = triangles.copy().reshape(-1)
-    nodes[corners] = node_of_fan[fan[corners]]
-    node_vertex = np.concatenate((np.arange(vertex_count), fan_vertex[order[extra]]))
+    nodes[corners] = node_of_fan[fan]
     return nodes.reshape(-1, 3), node_vertex
 
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Array, Booleans, Indices, any_of, extent_of, offsets_of, rows_at
-from .edges import connected_parts, edge_keys
+from .edges import connected_parts, edge_keys, stable_order
 from .input_checks import checked_faces, checked_triangulation, checked_vertices, refuse_without_area
 from .topology import join_sides, number_edges, split_into_fans, winding_of
 from .triangulation import triangulate
@@ -143,15 +143,20 @@ class TriangleMesh:
     def twin_of_edge(self) -> Indices:
         """First edge between the same nodes for edges that are not alone between theirs, (E,); -1 for all others."""
         key = edge_keys(self.edges[:, 0], self.edges[:, 1], self.node_count)
-        _, first, number, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
-        return np.where(count[number] > 1, first[number], -1)
+        order = stable_order(key)
+        same = np.diff(key[order], prepend=-1) == 0
+        start = np.maximum.accumulate(np.where(same, 0, np.arange(len(key))))
+        shared = same | np.append(same[1:], False)
+        twin = np.full(len(key), -1)
+        twin[order[shared]] = order[start[shared]]
+        return twin
 
     @cached_property
     def named_by_vertices(self) -> Booleans:
         """Which edges are the only ones between their vertices, (E,): only these can be named by them."""
         one, other = self.node_vertex[self.edges[:, 0]], self.node_vertex[self.edges[:, 1]]
         key = edge_keys(one, other, len(self.vertices))
-        order = np.argsort(key, kind="stable")
+        order = stable_order(key)
         same = key[order[1:]] == key[order[:-1]]
         alone = np.ones(len(key), dtype=bool)
         alone[order[1:][same]] = alone[order[:-1][same]] = False
@@ -163,7 +168,7 @@ class TriangleMesh:
         sides = np.flatnonzero(self.triangle_edges.reshape(-1) >= 0)
         edge = self.triangle_edges.reshape(-1)[sides]
         paired = (self.edge_triangles[:, 1] >= 0)[edge]
-        return sides[paired][np.argsort(edge[paired], kind="stable")].reshape(-1, 2)
+        return sides[paired][stable_order(edge[paired])].reshape(-1, 2)
 
     @property
     def coincident_vertices(self) -> int:
@@ -264,7 +269,7 @@ def _topology(
     count = len(node_vertex)
     component_count, component = connected_parts(edges[:, 0], edges[:, 1], count)
     proper = np.flatnonzero(~collapsed)
-    fan_corners = np.argsort(nodes[proper].reshape(-1), kind="stable")
+    fan_corners = stable_order(nodes[proper].reshape(-1))
     border = np.zeros(count, dtype=bool)
     border[edges[edge_triangles[:, 1] < 0]] = True
     return {

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Booleans, Indices, any_of, extent_of, length_of
 from ..errors import InputError
-from .edges import connected_parts, edge_keys
+from .edges import connected_parts, edge_keys, stable_order
 from .topology import pair_straightest
 
 COINCIDENT = 1e-6
@@ -147,7 +147,7 @@ def _open_sides(triangles: Indices, count: int) -> tuple[Indices, Indices, Indic
     sides = np.flatnonzero(np.repeat(~any_of(triangles == following), 3))
     start, end = triangles.reshape(-1)[sides], following.reshape(-1)[sides]
     key = edge_keys(start, end, count)
-    order = np.argsort(key, kind="stable")
+    order = stable_order(key)
     change = np.concatenate([[True], key[order][1:] != key[order][:-1], [True]]) if len(key) else np.zeros(1, bool)
     alone = np.sort(order[change[:-1] & change[1:]])
     return sides[alone], start[alone], end[alone]
@@ -171,7 +171,7 @@ def _coincident_sides(points: Array, triangles: Indices, sides: Indices, group: 
     """Pairs (J, 2) of positions in `sides` whose ends have the same groups (2, S) and that continue each other."""
     apart = np.flatnonzero(group[0] != group[1])
     key = edge_keys(group[0][apart], group[1][apart], int(group.max()) + 1)
-    order = np.argsort(key, kind="stable")
+    order = stable_order(key)
     apart, key = apart[order], key[order]
     first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, np.int64)
     count = np.diff(np.concatenate([first, [len(key)]]))

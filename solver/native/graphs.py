@@ -1,4 +1,4 @@
-"""Walks through graphs by the compiled kernel: `cover.c` and `parts.c`."""
+"""Walks through graphs by the compiled kernel, and orders of their edges: `cover.c`, `parts.c` and `order.c`."""
 
 from __future__ import annotations
 
@@ -84,3 +84,10 @@ def connected_parts(one: Indices, other: Indices, count: int) -> tuple[int, Indi
     joined.restype = c_int64
     found = joined(_address(starts), _address(ends), c_int64(len(starts)), c_int64(count), _address(part))
     return int(found), part
+
+
+def stable_order(numbers: Indices) -> Indices:
+    """Order in which whole numbers from 0 on ascend, equal ones as they come, as `mesh.edges.stable_order`."""
+    keys, order = np.ascontiguousarray(numbers, dtype=np.int64), np.empty(len(numbers), dtype=np.int64)
+    _run("stable_order", _address(keys), c_int64(len(keys)), _address(order))
+    return order

@@ -21,5 +21,6 @@
 #include "disks.c"
 #include "strips.c"
 #include "parts.c"
+#include "order.c"
 #include "nearest.c"
 #include "parameterisation.c"

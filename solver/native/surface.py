@@ -162,9 +162,10 @@ def with_patches(
     inside
         Barycentric coordinates, (3, N).
     sums
-        Of the points (3, N), or of points and derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (9, N).
+        Of the points (3, N), or of points and derivatives along the triangle's edges 0 -> 1 and 0 -> 2, (9, N); added
+        to in place where a point's numbers stand together.
     """
-    memory, points = Memory(), np.array(sums.T, order="C")
+    memory, points = Memory(), np.ascontiguousarray(sums.T)
     patches = byref(memory.functions(functions)), byref(memory.blend(blend)), byref(memory.holders(holders))
     runs = *(c_void_p(memory.whole(own)) for own in where), c_int64(len(where[0]))
     tangents = c_int64(len(sums) == 9)

@@ -13,11 +13,11 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Booleans, Indices, has_masked
+from ..arrays import Array, Booleans, Indices, any_of, has_masked, rows_at
 from ..errors import InputError
 from ..mesh.curved import curved_offsets, offsets_inside
 from ..mesh.potential_creases import beside_sharp_edges
-from ..mesh.sampling import CENTROID, SURFACE_SAMPLES
+from ..mesh.sampling import CENTROID, SURFACE_SAMPLES, middles_of, points_inside
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native.observations import Inside, Observed
 from .patches import Patches
@@ -174,9 +174,6 @@ class MeshObservations:
         weights: Array | None = None,
         inside: bool = True,
         curved: bool = False,
-        dense: Booleans | None = None,
-        degrees: Indices | None = None,
-        sharp: Booleans | None = None,
     ) -> None:
         """Gather the observations.
 
@@ -194,15 +191,9 @@ class MeshObservations:
             Whether points inside the triangles are observed; the paper observes vertices alone, with any degree.
         curved
             Whether the smooth surface beside the mesh is observed.
-        dense
-            Patches that are observed as densely as small ones, (K,).
-        degrees
-            Highest total degree that each patch may use, (K,); any where None.
-        sharp
-            Triangles beside edges that bend by more than `SHARP_DEGREES`, (T,); found where None.
         """
         self._made_of = mesh, patches, blending, kind, weights, inside, curved
-        self.degrees = np.full(len(patches), ANY_DEGREE) if degrees is None else degrees
+        self.degrees = np.full(len(patches), ANY_DEGREE)
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
         self.blending = blending
@@ -211,13 +202,13 @@ class MeshObservations:
         self.ends_early = _at_creases(lips, patches)
         self._blends: dict[int, tuple[Indices, Array]] = {}
         self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
-        self._dense = self._small if dense is None else self._small | dense
+        self._dense = self._small
         self._inside = inside
-        self._sharp = beside_sharp_edges(mesh, SHARP_DEGREES) if sharp is None else sharp
-        bent = self._sharp[patches.mesh_triangles]
+        sharp = beside_sharp_edges(mesh, SHARP_DEGREES)
+        bent = sharp[patches.mesh_triangles]
         self._smooth = np.bincount(patches.triangle_patch, weights=bent, minlength=len(patches)) == 0.0
         lips &= inside
-        lips[mesh.nodes[self._sharp]] = False  # of noise, more than sag would be followed
+        lips[mesh.nodes[sharp]] = False  # of noise, more than sag would be followed
         self._node_weights = np.where(lips, LIP_WEIGHT, 1.0)
         self._number_places(lips)
         observed = np.diff(patches.vertex_offsets) + len(SURFACE_SAMPLES) * np.diff(patches.triangle_offsets)
@@ -230,38 +221,55 @@ class MeshObservations:
         """Number all places: nodes, centroids, then those of triangles on smooth sides of creases, (N,), and of dense
         patches.
         """
-        mesh, patches = self._made_of[:2]
-        self._beside: Booleans = np.asarray(lips[mesh.nodes].any(axis=1))
-        closely = np.zeros(len(mesh.triangles), dtype=bool)
-        closely[patches.mesh_triangles[self._dense[patches.triangle_patch]]] = True
-        # those beside creases come first, so that they keep their numbers when more patches become dense
-        closely = np.concatenate([np.flatnonzero(self._beside), np.flatnonzero(closely & ~self._beside)])
-        corners = mesh.vertices[mesh.triangles]
-        dense = np.einsum("qk,tkd->tqd", SURFACE_SAMPLES, corners[closely]).reshape(-1, 3)
-        nodes = mesh.vertices[mesh.node_vertex]
-        self.places = np.concatenate([nodes, corners.mean(axis=1), dense]) if self._inside else nodes
-        self.points = self._on_smooth_surface(closely) if self._made_of[-1] and self._inside else self.places
-        self._first_centroid = len(nodes)
+        mesh = self._made_of[0]
+        self._first_centroid = mesh.node_count
         self._first_dense = np.full(len(mesh.triangles), -1, dtype=np.int64)
-        self._first_dense[closely] = len(nodes) + len(mesh.triangles) + 6 * np.arange(len(closely))
+        self._beside: Booleans = any_of(lips[mesh.nodes])
+        self._curve = self._smooth_surface()
+        self.places = self.points = rows_at(mesh.vertices, mesh.node_vertex)
+        if not self._inside:
+            return
+        self.places = self.points = np.concatenate([self.places, middles_of(mesh.vertices, mesh.triangles)])
+        if self._curve is not None:
+            moves, bulges = self._curve
+            within = offsets_inside(mesh.nodes, moves, bulges, CENTROID)[:, 0]
+            self.points = self.places + CURVED_SHARE * np.concatenate([moves, within])
+        self._observe_closely()
 
-    def _on_smooth_surface(self, closely: Indices) -> Array:
-        """The observed places moved towards the smooth surface beside the mesh, (O, 3); six in the triangles named."""
+    def _observe_closely(self) -> None:
+        """Number the places in triangles that get six of them, behind all others: those keep their numbers."""
         mesh, patches = self._made_of[:2]
-        if patches.levels.any():
-            return self.places
+        closely = self._beside.copy()
+        closely[patches.mesh_triangles[self._dense[patches.triangle_patch]]] = True
+        new = np.flatnonzero(closely & (self._first_dense < 0))
+        self._first_dense[new] = len(self.places) + len(SURFACE_SAMPLES) * np.arange(len(new))
+        places = points_inside(mesh.vertices, mesh.triangles[new], SURFACE_SAMPLES).reshape(-1, 3)
+        if self._curve is None:
+            self.places = self.points = np.concatenate([self.places, places])
+            return
+        moves, bulges = self._curve
+        moved = CURVED_SHARE * offsets_inside(mesh.nodes[new], moves, bulges[new], SURFACE_SAMPLES).reshape(-1, 3)
+        self.places = np.concatenate([self.places, places])
+        self.points = np.concatenate([self.points, places + moved])
+
+    def _smooth_surface(self) -> tuple[Array, Array] | None:
+        """How far the smooth surface is away (see `curved_offsets`); None where the triangles are observed."""
+        mesh, patches, *_, inside, curved = self._made_of
+        if not (inside and curved) or patches.levels.any():
+            return None
         moves, bulges = curved_offsets(mesh)
         moves[mesh.passed_through[mesh.node_vertex]] = 0.0
-        within = offsets_inside(mesh.nodes, moves, bulges, CENTROID)[:, 0]
-        dense = offsets_inside(mesh.nodes[closely], moves, bulges[closely], SURFACE_SAMPLES).reshape(-1, 3)
-        moved: Array = self.places + CURVED_SHARE * np.concatenate([moves, within, dense])
-        return moved
+        return moves, bulges
 
     def with_dense(self, more: Booleans) -> MeshObservations:
-        """Return the observations with more of the patches, (K,), observed densely."""
-        other = MeshObservations(*self._made_of, dense=self._dense | more, degrees=self.degrees, sharp=self._sharp)
-        # vertices, centroids and points beside creases keep their numbers
-        other._blends = {patch: blend for patch, blend in self._blends.items() if not other._dense[patch]}
+        """Return the observations with more of the patches, (K,), observed densely; no place changes its number."""
+        other = copy(self)
+        other._dense = self._dense | more
+        changed = other._dense & ~self._dense
+        other._blends = {patch: blend for patch, blend in self._blends.items() if not changed[patch]}
+        other._first_dense = self._first_dense.copy()
+        if self._inside:
+            other._observe_closely()
         return other
 
     def with_degrees(self, degrees: Indices) -> MeshObservations:

@@ -45,7 +45,7 @@ def flat_part(
     face, inside
         Triangles (N,) and barycentric coordinates (3, N).
     """
-    sums = np.zeros((9 if tangents else 3, len(face)))
+    sums = np.zeros((len(face), 9 if tangents else 3)).T
     shows = np.flatnonzero(largest_of(rows_at(weights, face)))
     if not len(shows):
         return sums

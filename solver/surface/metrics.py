@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Booleans, Indices, any_of, length_of, rows_at, runs_of_rows, sum_of
 from ..fitting.domain_energy import DomainEnergy, determinant
-from ..mesh.edges import edge_keys
+from ..mesh.edges import edge_keys, stable_order
 from ..mesh.normals import angle_between, area_vectors, face_normals
-from ..mesh.sampling import MEASURED_SAMPLES
+from ..mesh.sampling import MEASURED_SAMPLES, points_inside
 from ..processes.each import Each, all_done
 from .representation import Representation
 
@@ -52,7 +52,7 @@ def surface_error(
 
     def measure(block: slice) -> None:
         face = asked[block]
-        flat = np.einsum("sk,tkd->tsd", samples, rows_at(vertices, rows_at(representation.triangles, face)))
+        flat = points_inside(vertices, rows_at(representation.triangles, face), samples)
         points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
         distance[block] = length_of(points.reshape(flat.shape) - flat)
 
@@ -123,7 +123,7 @@ def pairs_across_edges(representation: Representation) -> EdgePairs:
     triangles = representation.triangles
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     key = edge_keys(starts, ends, len(representation.vertices))
-    order = np.argsort(key, kind="stable")
+    order = stable_order(key)
     same = key[order][1:] == key[order][:-1]
     alone = np.ones(len(same), dtype=bool)
     # an edge of exactly two triangles: neither the pair before nor the one after shares it

@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from ..arrays import Array, Indices, largest_of, rows_at, rows_in_order, runs_of_rows
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
+from ..mesh.edges import stable_order
 from ..mesh.normals import unit
 from ..native import surface as native
 from ..native.library import reason_against
@@ -138,7 +139,7 @@ class Representation(Saved):
         """
         counts = np.diff(self.triangle_offsets)
         own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
-        return rows_in_order(own, self.patch_vertices[own], rows_at(self.triangles, self.mesh_triangles))
+        return rows_in_order(own, rows_at(self.patch_vertices, own), rows_at(self.triangles, self.mesh_triangles))
 
     @cached_property
     def patch_of_triangle(self) -> Indices:
@@ -151,7 +152,7 @@ class Representation(Saved):
 
         With uniform blending each triangle averages the patches that hold it, whatever other patches hold its corners.
         """
-        weights = self.weights[self.corners]
+        weights = rows_at(self.weights, self.corners)
         if self.blending == "uniform":
             holders = np.bincount(self.mesh_triangles, minlength=len(self.triangles))
             weights = (weights > 0.0) / holders[self.mesh_triangles, None]
@@ -314,9 +315,9 @@ class Representation(Saved):
         The points are sorted by triangle, so that each patch finds its own in runs.
         """
         face, inside = checked_places(face_index, barycentric, len(self.triangles))
-        order = np.argsort(face, kind="stable")
-        face = face[order]
-        inside = np.stack([column[order] for column in inside.T])
+        sorted_ = bool((face[1:] >= face[:-1]).all())
+        order = np.zeros(0, dtype=np.int64) if sorted_ else stable_order(face)
+        face, inside = (face, inside.T) if sorted_ else (face[order], rows_at(inside, order).T)
         sums = flat_part(self.vertices, self.triangles, self.input_weights, face, inside, tangents)
         if self.native_functions is not None:
             starts = np.flatnonzero(np.diff(face, prepend=-1))
@@ -332,8 +333,10 @@ class Representation(Saved):
         if closed and len(self.creases):
             points, correction = self.closing.at(face, inside, tangents)
             sums[:, points] += correction
-        result = np.empty((len(face), len(sums)))
-        result[order] = sums.T
+        result = sums.T
+        if not sorted_:
+            result = np.empty_like(result)
+            result[order] = sums.T
         return result.reshape(len(face), len(sums) // 3, 3)
 
     def _portions(self, runs: Indices) -> Iterator[tuple[int, Indices, Indices]]:

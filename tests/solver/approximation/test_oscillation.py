@@ -30,7 +30,7 @@ def test_errors_between_are_those_at_dense_observations():
     patches = build_patches(mesh, build_cover(mesh, 3), 3)
     weights = blending_weights(mesh, patches, "partition")
     settings = Settings(iterations=1).resolved()
-    observations = MeshObservations(mesh, patches, weights, "partition", dense=np.ones(len(patches), dtype=bool))
+    observations = MeshObservations(mesh, patches, weights, "partition").with_dense(np.ones(len(patches), dtype=bool))
     domains = initial_domains(mesh, patches)
     surface = PatchedSurface(mesh, patches, domains, lambda *_: observations, settings, ChunkRunner())
     run_to_end(surface.fit())

@@ -57,9 +57,9 @@ class Case:
         self.blending = blending_weights(self.mesh, self.patches, kind)
         rng = np.random.default_rng(3)
         weights = rng.random(len(self.mesh.vertices)) if weighted else None
-        chosen = rng.random(len(self.patches)) < 0.5 if dense else None
-        more = {"weights": weights, "inside": inside, "dense": chosen}
-        self.observations = MeshObservations(self.mesh, self.patches, self.blending, kind, **more)  # type: ignore[arg-type]
+        self.observations = MeshObservations(self.mesh, self.patches, self.blending, kind, weights, inside)
+        if dense:
+            self.observations = self.observations.with_dense(rng.random(len(self.patches)) < 0.5)
         self.observed = self.observations.natively(self.domains)
 
     def task(self, chunk: np.ndarray, remainder: Remainder | None = None) -> MeshTask:

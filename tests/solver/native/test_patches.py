@@ -132,3 +132,12 @@ def test_a_long_path_is_one_part_from_either_end() -> None:
         count, part = graphs.connected_parts(along[:-1][order], along[1:][order], 100_000)
         assert count == 1
         assert not part.any()
+
+
+@pytest.mark.parametrize("largest", [0, 1, 2047, 2048, 10**12, 2**62])
+@pytest.mark.parametrize("count", [0, 1, 5000])
+def test_orders_are_those_of_numpy(count: int, largest: int) -> None:
+    numbers = np.random.default_rng(1).integers(0, largest, size=count, endpoint=True)
+    numbers[::3] = numbers[:1].sum()  # equal ones, which stay as they come
+    for own in (numbers, np.sort(numbers), np.sort(numbers)[::-1]):
+        np.testing.assert_array_equal(graphs.stable_order(own), np.argsort(own, kind="stable"))
