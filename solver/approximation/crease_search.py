@@ -2,7 +2,8 @@
 
 Smooth functions over one domain cannot have a crease: their tangent planes on both sides of an edge are the same.  But
 after two steps of the optimisation the domain is stretched across a crease, and the surface turns there.  So patches
-over the potential creases are fitted for two steps, and what they show decides which chains are creases.
+over the potential creases are fitted for two steps, and what they show decides which chains are creases.  Steep edges
+between calm faces speak for themselves.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ def cut_along_creases(
     representation = surface.representation()
     turn = turn_at_edges(representation, mesh, potential.edges)
     seeds = potential.edges & (turn >= SEED_DEGREES) & (edge_stretch(representation, mesh) >= CREASE_STRETCH)
-    creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds, seeds & (turn >= CREASE_DEGREES)))
+    strong, steep = seeds & (turn >= CREASE_DEGREES), potential.edges & potential.steep
+    creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds | steep, strong | steep))
     return (cut_along(mesh, creases) if creases.any() else mesh), False
 
 

@@ -41,10 +41,13 @@ class PotentialCreases:
         Angle between the triangles of each edge, (E,), degrees; 0 on borders.
     chain
         Chain of potential creases that each edge belongs to, (E,); -1 for all others.
+    steep
+        Edges that bend by 75 degrees or more between faces that bend much less, (E,).
     """
 
     dihedral: Array
     chain: Indices
+    steep: Booleans
 
     @property
     def edges(self) -> Booleans:
@@ -78,7 +81,7 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     count, part = connected_parts(ends[:, 0], ends[:, 1], mesh.node_count)
     sizes = np.bincount(part[ends[:, 0]], minlength=count)
     chain[candidates] = np.where(sizes >= SHORTEST_CHAIN, np.arange(count), -1)[part[ends[:, 0]]]
-    return PotentialCreases(dihedral, chain)
+    return PotentialCreases(dihedral, chain, steep)
 
 
 def _steep_edges(
