@@ -179,7 +179,7 @@ def coefficient_grid(degrees: Indices, support: Indices, coefficients: Array, de
     """
     grid = np.zeros((*support.shape[:-1], (degree + 1) ** 2))
     place = degrees[support, 0] * (degree + 1) + degrees[support, 1]
-    flat_grid, flat_place = grid.reshape(-1, grid.shape[-1]), place.reshape(-1, place.shape[-1])
+    flat_grid, flat_place = (own.reshape(int(np.prod(own.shape[:-1])), own.shape[-1]) for own in (grid, place))
     rows = np.arange(len(flat_grid))[:, None]
     np.add.at(flat_grid, (rows, flat_place), coefficients.reshape(flat_place.shape))
     return grid.reshape(*support.shape[:-1], degree + 1, degree + 1)

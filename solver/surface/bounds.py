@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -288,19 +287,17 @@ class _ErrorModel:
         """Taylor polynomials of the patches' own surfaces at the lattice, (n, L, 3), and their remainders, (n, 3)."""
         surface = self.surface
         taylor, left_out = np.empty((len(held), len(lattice.places), 3)), np.empty((len(held), 3))
-        channels = len(surface.domains)
         ends = np.matmul(corners, surface.domains[:, surface.corners[held]])  # (C, n, 3, 2)
         patch = surface.patch_of_triangle[held]
         runs = np.flatnonzero(np.diff(patch, prepend=-1, append=-1))
+        scale = surface.scales[patch]
         for c, parameters in enumerate(ends):
             pieces = Expansions(surface.dictionary, parameters, self._derivative_bounds, lattice)
-            axes = slice(None) if channels == 1 else slice(c, c + 1)
-            for first, stop in pairwise(runs):
-                k, rows = patch[first], slice(first, stop)
-                values, rest = pieces.of_patch(rows, surface.support[k, axes], surface.coefficients[k, axes])
-                scale = surface.scales[k][axes] if channels > 1 else surface.scales[k]
-                taylor[rows, :, axes] = (values / scale[:, None, None]).transpose(1, 2, 0) + surface.origins[k][axes]
-                left_out[rows, axes] = (rest / scale[:, None]).T
+            axes = slice(None) if len(ends) == 1 else slice(c, c + 1)
+            values, rest = pieces.of_patches(runs, surface.grids[patch[runs[:-1]], axes])
+            taylor[:, :, axes] = (values / scale[:, c, None, None]).transpose(0, 2, 1)
+            left_out[:, axes] = rest / scale[:, c, None]
+        taylor += surface.origins[patch][:, None]
         return taylor, left_out
 
     def _limits(self, order: int) -> native.Limits:

@@ -199,13 +199,13 @@ class Representation(Saved):
         return native.Blend(self.triangle_offsets, self.mesh_triangles, self.corners, weights, self.domains)
 
     @cached_property
-    def _grids(self) -> Array:
+    def grids(self) -> Array:
         """Coefficients spread over the degrees, (K, 3, t + 1, t + 1)."""
         return coefficient_grid(self.dictionary.degrees, self.support, self.coefficients, self.degree)
 
     def _combined(self, patch: int, u: Array, v: Array) -> Array:
         """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
-        return combine(self._grids[patch], u, v) / self.scales[patch][:, None]
+        return combine(self.grids[patch], u, v) / self.scales[patch][:, None]
 
     @cached_property
     def at_patch_vertices(self) -> Array:
@@ -325,6 +325,7 @@ class Representation(Saved):
             own = self.native_functions, self.native_blend, self.holders
             sums = native.with_patches(*own, where, inside, sums)
         else:
+            inside, sums = np.ascontiguousarray(inside), np.ascontiguousarray(sums)  # a patch takes from few rows
             runs = np.concatenate([[0], np.cumsum(np.bincount(face, minlength=len(self.triangles)))])
             for patch, points, triangle in self._portions(runs):
                 part = self._patch_part(patch, triangle, inside.take(points, axis=1), tangents)
@@ -333,10 +334,10 @@ class Representation(Saved):
         if closed and len(self.creases):
             points, correction = self.closing.at(face, inside, tangents)
             sums[:, points] += correction
-        result = sums.T
+        ordered = np.ascontiguousarray(sums.T)
+        result = ordered if sorted_ else np.empty_like(ordered)
         if not sorted_:
-            result = np.empty_like(result)
-            result[order] = sums.T
+            result[order] = ordered
         return result.reshape(len(face), len(sums) // 3, 3)
 
     def _portions(self, runs: Indices) -> Iterator[tuple[int, Indices, Indices]]:

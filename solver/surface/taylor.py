@@ -73,33 +73,42 @@ class Expansions:
     def __init__(self, dictionary: Dictionary, triangles: Array, limits: DerivativeBounds, lattice: Lattice) -> None:
         """Take the triangles' corners, (n, 3, 2); the polynomials are of degree m - 1 for the lattice's m."""
         self._order = order = lattice.order
-        self.degrees = dictionary.degrees
         centre = triangles.mean(axis=1)
         away = triangles - centre[:, None]
         extent = np.abs(away).max(axis=1)
         at_lattice = np.matmul(lattice.places, away)
-        self._powers = [_powers(at_lattice[:, :, axis], order) for axis in (0, 1)]
-        self._extents = [_powers(extent[:, axis], order + 1) for axis in (0, 1)]
+        self._powers = [np.stack(_powers(at_lattice[:, :, axis], order)) for axis in (0, 1)]
+        self._extents = [np.stack(_powers(extent[:, axis], order + 1)) for axis in (0, 1)]
         self._tables = [_derivatives(dictionary, np.ascontiguousarray(centre[:, axis]), order) for axis in (0, 1)]
         low, high = triangles.min(axis=1), triangles.max(axis=1)
         self._limits = [limits.over(low[:, axis], high[:, axis], order) for axis in (0, 1)]
 
-    def of_patch(self, rows: slice, support: Indices, coefficients: Array) -> tuple[Array, Array]:
-        """Values at the lattice, (D, n, L), and remainders, (D, n), of sparse combinations (D, s)."""
-        i, j = self.degrees[support].transpose(2, 0, 1)
-        values = np.zeros((len(support), *self._powers[0][0][rows].shape))
-        rest = np.zeros(values.shape[:2])
-        size = np.abs(coefficients)
-        for a in range(self._order):
-            along_u = self._tables[0][a][:, rows][i]
-            for b in range(self._order - a):
-                slope = np.einsum("ds,dsn,dsn->dn", coefficients, along_u, self._tables[1][b][:, rows][j])
-                values += slope[:, :, None] * (self._powers[0][a][rows] * self._powers[1][b][rows])
-        for a in range(self._order + 1):
-            along_u, along_v = self._limits[0][a][:, rows][i], self._limits[1][self._order - a][:, rows][j]
-            most = np.einsum("ds,dsn,dsn->dn", size, along_u, along_v)
-            rest += most * (self._extents[0][a][rows] * self._extents[1][self._order - a][rows])
-        return values, rest
+    def of_patches(self, runs: Indices, grids: Array) -> tuple[Array, Array]:
+        """Values at the lattice, (n, D, L), and remainders, (n, D), of D functions for each run of triangles.
+
+        Parameters
+        ----------
+        runs
+            Run k has the triangles from `runs[k]` to `runs[k + 1]`, (K + 1,).
+        grids
+            Each run's coefficients by the degrees of their functions, (K, D, t + 1, t + 1).
+        """
+        order, signals, count = self._order, grids.shape[1], self._extents[0].shape[1]
+        slopes, largest = np.empty((order, count, signals, order)), np.empty((order + 1, signals, count))
+        for grid, first, stop in zip(grids, runs, runs[1:], strict=False):
+            rows = slice(first, stop)
+            (u, v), (most_u, most_v) = ([own[..., rows] for own in tables] for tables in (self._tables, self._limits))
+            along = np.matmul(grid, v[:, None])
+            for a in range(order):
+                slopes[a, rows, :, : order - a] = np.einsum("bdin,in->ndb", along[: order - a], u[a])
+            most = np.matmul(np.abs(grid), most_v[:, None])
+            np.einsum("bdin,bin->bdn", most, most_u[::-1], out=largest[:, :, rows])
+        values = np.zeros((count, signals, self._powers[0].shape[2]))
+        for a in range(order):
+            along_v = np.matmul(slopes[a, :, :, : order - a], self._powers[1][: order - a].transpose(1, 0, 2))
+            values += along_v * self._powers[0][a][:, None]
+        extents = self._extents[0][::-1] * self._extents[1]
+        return values, np.einsum("bdn,bn->nd", largest, extents)
 
 
 def _powers(x: Array, count: int) -> list[Array]:
@@ -110,11 +119,12 @@ def _powers(x: Array, count: int) -> list[Array]:
     return powers
 
 
-def _derivatives(dictionary: Dictionary, x: Array, count: int) -> list[Array]:
-    """Derivatives of order 0 .. count - 1 of the one-variable polynomials, (t + 1, n) each."""
-    tables = [dictionary.tables(x)]
-    for _ in range(1, count):
-        tables.append(dictionary.derivative_matrix @ tables[-1])
+def _derivatives(dictionary: Dictionary, x: Array, count: int) -> Array:
+    """Derivatives of order 0 .. count - 1 of the one-variable polynomials, (count, t + 1, n)."""
+    tables = np.empty((count, dictionary.degree + 1, len(x)))
+    tables[0] = dictionary.tables(x)
+    for a in range(1, count):
+        np.matmul(dictionary.derivative_matrix, tables[a - 1], out=tables[a])
     return tables
 
 
@@ -144,7 +154,7 @@ class DerivativeBounds:
         found = []
         # From the highest derivative, which is constant, down: between samples a function changes by at most half a
         # step times the bound of its derivative.
-        for table in reversed(tables):
+        for table in tables[::-1]:
             most = np.maximum(np.abs(table[:, :-1]), np.abs(table[:, 1:]))
             above = most.reshape(len(most), CELLS, SAMPLES_A_CELL).max(axis=2) + 0.5 * step * above
             found.append(above)
@@ -152,15 +162,15 @@ class DerivativeBounds:
         orders = np.stack([found[-1 - a] if a < len(found) else none for a in range(ORDER + 1)]).swapaxes(1, 2)
         return cls(low, (high - low) / CELLS, _running_maxima(orders))
 
-    def over(self, low: Array, high: Array, order: int) -> list[Array]:
-        """Bounds over intervals (n,), for each order up to one, (t + 1, n)."""
+    def over(self, low: Array, high: Array, order: int) -> Array:
+        """Bounds over intervals (n,), for each order up to one, (order + 1, t + 1, n)."""
         first, last = (np.clip(((x - self.low) / self.width).astype(np.int64), 0, CELLS - 1) for x in (low, high))
         level = np.log2(last - first + 1).astype(np.int64)
         second = last + 1 - (1 << level)
-        return [
-            np.ascontiguousarray(np.maximum(self.levels[level, a, first], self.levels[level, a, second]).T)
-            for a in range(order + 1)
-        ]
+        found = np.empty((order + 1, self.levels.shape[-1], len(low)))
+        for a, most in enumerate(found):
+            np.maximum(self.levels[level, a, first].T, self.levels[level, a, second].T, out=most)
+        return found
 
 
 def _running_maxima(values: Array) -> Array:
