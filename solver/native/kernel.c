@@ -23,4 +23,5 @@
 #include "parts.c"
 #include "order.c"
 #include "nearest.c"
+#include "domains.c"
 #include "parameterisation.c"

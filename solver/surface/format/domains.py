@@ -13,6 +13,8 @@ import numpy as np
 
 from ...arrays import Array, Booleans, Indices
 from ...fitting.dictionary import Dictionary
+from ...native.domains import SparsePatches
+from ...native.library import reason_against
 from .cover import Cover
 from .growth import Coder, mean_of, rounds
 
@@ -57,22 +59,28 @@ class Shapes:
 class Functions:
     """Sparse functions of K patches, of r coordinates: terms (r, n, K) as degrees in u and v, and coefficients.
 
-    `coefficients` are zero where a coordinate uses fewer functions.
+    `coefficients` are zero where a coordinate uses fewer functions.  `compiled` are the same for the kernel, if it is
+    there.
     """
 
     dictionary: Dictionary
     degrees: Indices
     coefficients: Array
+    compiled: SparsePatches | None
 
     @classmethod
     def of(cls, dictionary: Dictionary, support: Indices, coefficients: Array) -> Functions:
         """Take the functions `support` with their coefficients, (K, r, n) both."""
         used = support >= 0
-        degrees = dictionary.degrees[np.where(used, support, 0)]
+        degrees, factors = dictionary.degrees[np.where(used, support, 0)], np.where(used, coefficients, 0.0)
+        compiled = None
+        if reason_against() is None:
+            compiled = SparsePatches(degrees, factors, dictionary.degree, dictionary.basis == "legendre")
         return cls(
             dictionary,
             np.ascontiguousarray(degrees.transpose(3, 1, 2, 0)),
-            np.ascontiguousarray(np.where(used, coefficients, 0.0).transpose(1, 2, 0)),
+            np.ascontiguousarray(factors.transpose(1, 2, 0)),
+            compiled,
         )
 
     def __call__(self, patch: Indices, domain: Array) -> tuple[Array, Array, Array]:
@@ -93,6 +101,19 @@ class Functions:
             np.einsum("rsn,rsn->rn", du.take(i), at_v),
             np.einsum("rsn,rsn->rn", at_u, along_v),
         )
+
+    def steps_towards(self, patch: Indices, domain: Array, target: Array) -> tuple[Array, Array]:
+        """One Gauss-Newton step from parameters (n, 2) towards targets (n, r), and the speeds, (n, 2) both."""
+        if self.compiled is not None:
+            return self.compiled.steps_towards(patch, domain, target, DAMPING)
+        value, u, v = self(patch, domain)
+        missing = target.T - value
+        uu, uv, vv = (u * u).sum(axis=0), (u * v).sum(axis=0), (v * v).sum(axis=0)
+        ue, ve = (u * missing).sum(axis=0), (v * missing).sum(axis=0)
+        speed = np.sqrt(np.stack([uu, vv], axis=1))
+        damping = DAMPING * (uu + vv) + np.finfo(float).tiny
+        uu, vv = uu + damping, vv + damping
+        return np.stack([vv * ue - uv * ve, uu * ve - uv * ue], axis=1) / (uu * vv - uv * uv)[:, None], speed
 
 
 def code_domains(
@@ -171,14 +192,7 @@ def _towards(functions: Functions, patch: Indices, domain: Array, target: Array)
     -------
     The new parameters, and how fast the functions move with each, (n, 2).
     """
-    value, u, v = functions(patch, domain)
     with np.errstate(all="ignore"):  # forged functions may overflow; their steps are cut off below
-        missing = target.T - value
-        uu, uv, vv = (u * u).sum(axis=0), (u * v).sum(axis=0), (v * v).sum(axis=0)
-        ue, ve = (u * missing).sum(axis=0), (v * missing).sum(axis=0)
-        speed = np.sqrt(np.stack([uu, vv], axis=1))
-        damping = DAMPING * (uu + vv) + np.finfo(float).tiny
-        uu, vv = uu + damping, vv + damping
-        step = np.stack([vv * ue - uv * ve, uu * ve - uv * ue], axis=1) / (uu * vv - uv * uv)[:, None]
+        step, speed = functions.steps_towards(patch, domain, target)
     step = np.where(np.isfinite(step), step, 0.0)
     return domain + np.clip(step, -LONGEST_STEP, LONGEST_STEP), np.where(np.isfinite(speed), speed, LARGEST_SPEED)
