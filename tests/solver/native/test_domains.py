@@ -1,4 +1,4 @@
-"""Steps through domains: the compiled kernel against NumPy's own polynomials, and files that travel between machines."""
+"""Steps through domains: the compiled kernel against NumPy's own polynomials, and files that go between machines."""
 
 from __future__ import annotations
 
