@@ -9,21 +9,21 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.types import Object
+from bpy.types import Depsgraph, Object
 from numpy.typing import NDArray
 
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
+from ..operators.data.parts import groups_in_frames
 from ..operators.data.report_text import one_line
 from ..operators.data.results import create_result, create_unmeasured
 from ..operators.files.meshes import named, read_meshes
 from ..operators.representation.compacting import compact_drafts
 from ..operators.representation.domain_maps import write_domain_maps
-from ..solver.approximation.parts import groups_of_parts, joined, taken_apart
+from ..solver.approximation.parts import joined, places_of_parts, taken_apart
 from ..solver.approximation.result import Approximation
 from ..solver.errors import InputError, SparseSurfaceError
 from ..solver.job import approximate_arrays
-from ..solver.mesh.input_checks import checked_faces, checked_vertices
 from ..solver.progress import run_to_end
 from .arguments import PROGRAM
 from .console import console
@@ -93,28 +93,17 @@ def _together(options: argparse.Namespace, sources: Sequence[Object]) -> list[li
     """
     if len(sources) == 1:
         return [list(sources)]
-    frames: dict[Any, list[tuple[int, Any]]] = {}
-    for number, source in enumerate(sources):
-        read = None if options.domain_maps else _sound(source)
-        frame = number if read is None else tuple(map(tuple, source.matrix_world))
-        frames.setdefault(frame, []).append((number, read))
-    groups: list[list[int]] = []
-    for inside in frames.values():
-        several = len(inside) > 1
-        found = groups_of_parts([read.arrays for _, read in inside], options.settings) if several else [[0]]
-        groups += [[inside[each][0] for each in group] for group in found]
-    return [[sources[number] for number in group] for group in sorted(groups)]
+    graph = bpy.context.evaluated_depsgraph_get()
+    reads = [None if options.domain_maps else _read(source, graph) for source in sources]
+    return [[sources[number] for number in group] for group in groups_in_frames(sources, reads, options.settings)]
 
 
-def _sound(source: Object) -> mesh_data.Source | None:
-    """Read an object; None where it alone would be refused."""
+def _read(source: Object, graph: Depsgraph) -> mesh_data.Source | None:
+    """Read an object; None where it would be refused."""
     try:
-        read = mesh_data.read_object(source, bpy.context.evaluated_depsgraph_get())
-        points = checked_vertices(read.arrays.vertices)
-        checked_faces(read.arrays.polygons(), len(points))
+        return mesh_data.read_object(source, graph)
     except InputError:
         return None
-    return read
 
 
 def _approximated(options: argparse.Namespace, together: Sequence[Object], solved: dict[Any, Any]) -> list[Made]:
@@ -137,10 +126,13 @@ def _approximated(options: argparse.Namespace, together: Sequence[Object], solve
             raise Unmeasured(_placed(together, reads, last.vertices))
     if source.data.users > 1:
         solved[key] = outcome
-    report = outcome.report if len(together) == 1 else _of_parts(outcome.report, together)
-    made = _objects(options, together, reads, outcome, report)
+    parts = [outcome]
+    if len(together) > 1:
+        parts = taken_apart(outcome, [read.arrays for read in reads], [each.name for each in together])
+    report = parts[0].report
+    made = _objects(options, together, reads, parts)
     if made is None:
-        vertices, outcome = outcome.vertices, None  # the functions go: their memory is needed
+        vertices, outcome, parts = outcome.vertices, None, []  # the functions go: their memory is needed
         solved.pop(key, None)
         raise Unmeasured(_placed(together, reads, vertices))
     console.say(one_line(name, report), name)
@@ -152,20 +144,19 @@ def _objects(
     options: argparse.Namespace,
     together: Sequence[Object],
     reads: Sequence[mesh_data.Source],
-    outcome: Approximation,
-    report: dict[str, Any],
+    results: Sequence[Approximation],
 ) -> list[Made] | None:
     """Make objects of a result; None where memory ends but may suffice for the surface alone."""
     whole, before = len(together) == 1, set(bpy.data.objects)
-    made = []
+    made, surface, report = [], results[0].representation, results[0].report
     try:
-        parts = [(outcome, None)] if whole else taken_apart(outcome, [read.arrays for read in reads])
-        scale = ColourScale(0.0, float(outcome.error.max(initial=0.0)))
-        for each, read, (own, part) in zip(together, reads, parts, strict=True):
+        places = [None] if whole else places_of_parts(surface, [read.arrays for read in reads])
+        scale = ColourScale(0.0, max(float(own.error.max(initial=0.0)) for own in results))
+        for each, read, own, part in zip(together, reads, results, places, strict=True):
             result = create_result(bpy.context, read, own, scale, keeps_functions=whole and keeps_functions(options))
             if options.domain_maps:
                 write_domain_maps(result)
-            kept = report, outcome.representation, options.resample
+            kept = report, surface, options.resample
             made.append(Made(options.input, each, result, *kept, **asked_for(options), part=part))
     except MemoryError:
         if options.output is None or options.resample:
@@ -184,11 +175,6 @@ def _placed(
     parts = np.split(vertices, ends)
     made = [create_unmeasured(bpy.context, read, part) for read, part in zip(reads, parts, strict=True)]
     return list(zip(together, made, strict=True))
-
-
-def _of_parts(report: dict[str, Any], together: Sequence[Object]) -> dict[str, Any]:
-    """Say in a report which objects its figures are about."""
-    return {**report, "input": {**report["input"], "parts": [each.name for each in together]}}
 
 
 def _shared(source: Object, read: mesh_data.Source) -> Any:

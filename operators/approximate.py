@@ -16,6 +16,7 @@ from .run.poll import MESHES_TO_SOLVE, needs
 if TYPE_CHECKING:
     from ..solver.approximation.result import Approximation
     from .data.meshes import Source
+    from .data.parts import Parts
 
 
 class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
@@ -35,20 +36,21 @@ class SPARSE_SURFACE_OT_approximate(SolverOperator, Operator):
     poll = needs(*MESHES_TO_SOLVE)
 
     def tasks(self, context: Context) -> tuple[list[Task], list[str]]:
-        """All selected meshes with the scene's settings."""
-        sources, refusals = read_sources(context, selected_meshes(context) or chosen_objects(context)[:1])
+        """All selected meshes with the scene's settings; those that share a border are one surface."""
         settings = scene_settings(context)
         if self.only_denoise:
             settings = replace(settings, denoise="only")
+        chosen = selected_meshes(context) or chosen_objects(context)[:1]
+        sources, refusals = read_sources(context, chosen, together=settings)
         return [(source, settings) for source in sources], refusals
 
     def make_objects(self, context: Context, done: Sequence[Solved], refusals: list[str]) -> list[Object]:
-        """A result object for each source."""
+        """A result object for each mesh."""
         from .heat_map.scale import create_coloured  # NumPy-heavy: enabling the add-on loads this module
 
         replacing = context.scene.sparse_surface.replace_result
 
-        def make(source: Source, result: Approximation) -> Object:
-            return create_coloured(context, source, result, replace=replacing)
+        def make(source: Source | Parts, result: Approximation) -> list[Object]:
+            return create_coloured(context, source, result, refusals, replace=replacing)
 
         return self.make_each(make, context, done, refusals)

@@ -53,13 +53,13 @@ class SPARSE_SURFACE_OT_reconstruct(SolverOperator, Operator):
         wanted = context.scene.sparse_surface.reconstruction
         replace = context.scene.sparse_surface.replace_result
 
-        def make(source: CloudSource, result: CloudOutcome) -> Object:
+        def make(source: CloudSource, result: CloudOutcome) -> list[Object]:
             scale = colour_scale(context.scene, result.point_error)
             surface = create_surface(context, source, result, scale, replace=replace)
             if wanted.point_errors:
                 create_point_errors(context, source, result, scale, replace=replace)
             if wanted.keep_base and result.made_base is not None:
                 create_base(context, source, *result.made_base, replace=replace)
-            return surface
+            return [surface]
 
         return self.make_each(make, context, done, refusals, [wanted.base] if wanted.base is not None else [])

@@ -11,12 +11,12 @@ from ..solver.settings import MOST_SPLITS
 from .data.objects import last_source, select_only
 from .data.result_keys import has_representation
 from .data.visibility import settle
-from .run.poll import needs, no_run, object_mode
+from .run.poll import needs, no_run, object_mode, without_functions
 
 
 def surface(context: Context) -> str:
     """The active object holds a representation, or was made from one that does."""
-    return "" if _holder(context) is not None else rpt_("Select a result: an object that Approximate has made")
+    return "" if _holder(context) is not None else without_functions(context.active_object)
 
 
 def _holder(context: Context) -> Object | None:

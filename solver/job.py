@@ -7,7 +7,7 @@ what is there.  Nothing is written to a disk.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from .distance.settings import DistanceSettings, SurfacePair
 from .errors import SparseSurfaceError
 from .interchange import CloudArrays, CloudOutcome, MeshArrays, StoredRepresentation
 from .processes.pool import WorkerExecutor
-from .progress import Progress, Steps
+from .progress import Progress, Steps, run_to_end
 from .settings import Settings
 
 if TYPE_CHECKING:
@@ -56,6 +56,11 @@ def solve_arrays(arrays: Task, settings: Any) -> Steps[Any]:
     from .reconstruction.evaluated import reconstruct_arrays
 
     return (yield from reconstruct_arrays(arrays, settings))
+
+
+def solve_here(arrays: Task, settings: Any, show: Callable[[Progress], None]) -> Any:
+    """Do `solve_arrays` to its end in this process."""
+    return run_to_end(solve_arrays(arrays, settings), show)
 
 
 def solve_and_store(arrays: Task, settings: Any) -> Steps[Any]:

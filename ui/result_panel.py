@@ -43,7 +43,7 @@ class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
             shown = shows_patches(context.active_object)
             text = "Show Errors" if shown else "Show Patches"
             column.operator("sparse_surface.show_patches", text=text, icon="COLOR", depress=shown)
-        if has_representation(context.active_object):
+        if has_representation(context.active_object) or (report is not None and "parts" in report["input"]):
             row = column.row(align=True)
             inspection = context.scene.sparse_surface.inspection
             row.operator("sparse_surface.resample", icon="MOD_SUBSURF").splits = inspection.splits

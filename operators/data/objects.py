@@ -78,10 +78,15 @@ def find_object(session_uid: int) -> Object | None:
     return next((candidate for candidate in bpy.data.objects if candidate.session_uid == session_uid), None)
 
 
+def parts_of(source: Any) -> Sequence[Any]:
+    """Return the sources that were read as one (`Parts`), or the only one, each of one object."""
+    return getattr(source, "parts", (source,))
+
+
 def current_name(source: Any) -> str:
-    """Return the name of the object that a `Source` or `CloudSource` was read from, as it is called now."""
-    found = find_object(source.session_uid)
-    return found.name if found is not None else str(source.name)
+    """Return the names of the objects that a source was read from, as they are called now."""
+    found = ((find_object(each.session_uid), each) for each in parts_of(source))
+    return " + ".join(each.name if placed is None else placed.name for placed, each in found)
 
 
 def create_object(

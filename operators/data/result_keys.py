@@ -132,8 +132,13 @@ def store_representation(holder: Object, stored: bytes, *, draft: bool = True) -
     when it evaluates the object; it would copy a property of the mesh whenever a vertex moves.
     """
     for name in (REPRESENTATION, DRAFT):
-        if name in holder:
-            del holder[name]  # bytes assigned to an existing property end at their first zero
+        holder.pop(name, None)  # bytes assigned to an existing property end at their first zero
     holder[REPRESENTATION] = stored
     if draft:
         holder[DRAFT] = True
+
+
+def forget_representation(holder: Object) -> None:
+    """Have an object hold no representation, and nothing that says how to read one."""
+    for name in (REPRESENTATION, DRAFT, STRETCH):
+        holder.pop(name, None)

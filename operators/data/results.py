@@ -32,6 +32,7 @@ from .result_keys import (
     STRETCH,
     WEIGHT,
     cut_name,
+    forget_representation,
     result_name,
     store_representation,
 )
@@ -203,9 +204,9 @@ def _put(
     write_error(made, surface.error, scale)
     attributes.write(made.data, {PATCH: surface.patch, DOMAIN_STRETCH: surface.domain_stretch})
     made[REPORT] = json.loads(json.dumps(surface.report))  # plain values only, as Blender stores them
+    forget_representation(made)
     if keeps_functions:
         store_representation(made, surface.representation.draft)
-        made.pop(STRETCH, None)
         if source.lengths.stretch is not None:
             made[STRETCH] = [float(value) for value in source.lengths.stretch.ravel()]
 

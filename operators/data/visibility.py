@@ -24,26 +24,28 @@ SPACE = 0.15
 
 
 def settle(made: Sequence[Object], context: Context, others: Iterable[Object] = ()) -> None:
-    """Show what was just made of one object as the scene's settings ask: instead of that, beside it or in its place.
+    """Show what was just made of objects as the scene's settings ask: instead of them, beside them or in their place.
 
     Parameters
     ----------
     others
-        What else is to be hidden together with the source, such as the base of a reconstruction.
+        What else is to be hidden together with the sources, such as the base of a reconstruction.
     """
-    wanted, source = context.scene.sparse_surface.source_shown, source_of(made[0])
-    accompanying = [each for each in made_from(source) if each.get(ROLE) in ACCOMPANYING] if source else []
+    wanted = context.scene.sparse_surface.source_shown
+    sources = [each for each in dict.fromkeys(map(source_of, made)) if each is not None]
+    accompanying = [each for source in sources for each in made_from(source) if each.get(ROLE) in ACCOMPANYING]
     for each in made:
         show(each, context)
     if wanted == "SHOWN":
         return
-    if wanted == "BESIDE" and source is not None:
+    if wanted == "BESIDE" and sources:
         stand_beside([*made, *(each for each in accompanying if each not in made)], context)
-        hide_in_place_of([source], context)
-        show(source, context)
+        hide_in_place_of(sources, context)
+        for source in sources:
+            show(source, context)
     hide_in_place_of(made, context)
     if wanted == "HIDDEN":
-        for other in (source, *others, *accompanying):
+        for other in (*sources, *others, *accompanying):
             if other is not None and other not in made:
                 hide(other, context)
 
@@ -51,9 +53,10 @@ def settle(made: Sequence[Object], context: Context, others: Iterable[Object] = 
 def hide_in_place_of(kept: Sequence[Object], context: Context) -> None:
     """Hide the relatives of objects that lie in their place."""
     context.view_layer.update()
-    for other in family(kept[0]):
-        if other not in kept and other.get(ROLE) not in ACCOMPANYING and in_one_place(kept[0], other):
-            hide(other, context)
+    for one in kept:
+        for other in family(one):
+            if other not in kept and other.get(ROLE) not in ACCOMPANYING and in_one_place(one, other):
+                hide(other, context)
 
 
 def in_one_place(one: Object, other: Object) -> bool:

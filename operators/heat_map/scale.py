@@ -8,8 +8,11 @@ import numpy as np
 from bpy.types import Context, Object, Scene
 from numpy.typing import NDArray
 
+from ...solver.approximation.parts import taken_apart
+from ...solver.errors import InputError
 from ..data.attributes import read, show_colours
 from ..data.colours import ColourScale
+from ..data.objects import current_name, parts_of
 from ..data.origins import COMPARED, ROLE, SOURCE
 from ..data.result_keys import (
     EARLY,
@@ -27,6 +30,7 @@ from .shown import anywhere_shown, choose_colours, shown_tolerance
 if TYPE_CHECKING:
     from ...solver.approximation.result import Approximation
     from ..data.meshes import Source
+    from ..data.parts import Parts
 
 
 def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]], *, signed: bool = False) -> ColourScale:
@@ -43,16 +47,26 @@ def colour_scale(scene: Scene, errors: NDArray[np.floating[Any]], *, signed: boo
     return ColourScale(-high if signed else 0.0, high, shown_tolerance(scene))
 
 
-def create_coloured(context: Context, source: Source, result: Approximation, *, replace: bool) -> Object:
-    """Make the result object on the scene's scale; with `replace` in the place of an earlier one.
+def create_coloured(
+    context: Context, source: Source | Parts, result: Approximation, refusals: list[str], *, replace: bool
+) -> list[Object]:
+    """Make the result object of each source on the scene's scale; with `replace` in the place of an earlier one.
 
-    Raises
-    ------
-    InputError
-        When the source was removed or edited since it was read.
+    Parts of one surface hold no functions, which describe the whole.  For a source that was removed or edited since it
+    was read there is a sentence in `refusals` instead.
     """
-    made = create_result(context, source, result, colour_scale(context.scene, result.error), replace=replace)
-    made[WITH_MODIFIERS] = source.evaluated
+    scale, parts = colour_scale(context.scene, result.error), parts_of(source)
+    results, names = [result], [current_name(part) for part in parts]
+    if len(parts) > 1:
+        results = taken_apart(result, [part.arrays for part in parts], names)
+    made = []
+    for part, own in zip(parts, results, strict=True):
+        try:
+            made.append(create_result(context, part, own, scale, replace=replace, keeps_functions=len(parts) == 1))
+        except InputError as error:
+            refusals.append(str(error))
+            continue
+        made[-1][WITH_MODIFIERS] = part.evaluated
     return made
 
 

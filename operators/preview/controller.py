@@ -13,6 +13,7 @@ from bpy.types import Context, Scene, SpaceView3D
 from numpy.typing import NDArray
 
 from ..data.colours import ColourScale
+from ..data.parts import of_parts
 from ..data.viewports import redraw_regions
 from ..heat_map.scale import colour_scale
 from ..heat_map.shown import shown_tolerance
@@ -63,7 +64,7 @@ class LivePreview:
         by_software = draws_by_software()
         self._asks_for_drawing = not (self._automatic and by_software)
         self._most_triangles = MOST_BY_SOFTWARE if by_software else MOST_TRIANGLES
-        self._parts: dict[int, DrawnPart] = {}
+        self._parts: dict[tuple[int, int], DrawnPart] = {}
         self._slow_drawings = 0
         self._newest: tuple[Source, NDArray[np.float64]] | None = None
         self._shown = False
@@ -102,7 +103,9 @@ class LivePreview:
 
     def _show_object(self, source: Source, positions: NDArray[np.float64], context: Context) -> None:
         error = np.linalg.norm(positions - source.arrays.vertices, axis=1)
-        early_object.show(source, positions, error, self._scale(context.scene, source, error), context)
+        scale, errors = self._scale(context.scene, source, error), of_parts(source, error)
+        for (part, own), (_, away) in zip(of_parts(source, positions), errors, strict=True):
+            early_object.show(part, own, away, scale, context)
         overlay.discard(source.session_uid)
 
     def _draw(self, source: Source, part: DrawnPart, positions: NDArray[np.float64], context: Context) -> None:
@@ -115,9 +118,10 @@ class LivePreview:
 
     def _part(self, source: Source) -> DrawnPart:
         """Return what is drawn of a source; the first call starts to compute it."""
-        if source.session_uid not in self._parts:
-            self._parts[source.session_uid] = DrawnPart(source.arrays, self._most_triangles)
-        return self._parts[source.session_uid]
+        key = source.session_uid, len(source.arrays.vertices)  # an object may be solved as a part and then by itself
+        if key not in self._parts:
+            self._parts[key] = DrawnPart(source.arrays, self._most_triangles)
+        return self._parts[key]
 
     def clear(self) -> None:
         """Remove everything that is shown."""

@@ -6,10 +6,11 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
+from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Context, Timer
 
 from ...solver.settings import Settings
-from ..data.objects import current_name
+from ..data.objects import current_name, parts_of
 from .preloading import python_command
 from .watch import Watch
 
@@ -95,7 +96,7 @@ class Run:
     _watch: Watch = field(init=False)
 
     def __post_init__(self) -> None:
-        self._watch = Watch(source for source, _ in self.tasks)
+        self._watch = Watch(part for source, _ in self.tasks for part in parts_of(source))
 
     @property
     def done(self) -> bool:
@@ -113,8 +114,7 @@ class Run:
         What was deleted or edited since it was read is dropped.
         """
         for session_uid, sentence in self._watch.lost().items():
-            self._drop(session_uid)
-            self.dropped.append(sentence)
+            self.dropped += [sentence, *self._drop(session_uid)]
         if self._job is None and self._begun < len(self.tasks):
             self._start_next()
         if self._job is None:
@@ -157,13 +157,24 @@ class Run:
         if job is not None:
             job.stop()
 
-    def _drop(self, session_uid: int) -> None:
-        """Forget the tasks and results of an object; end the child if it works on that."""
-        if self.current_source is not None and self.current_source.session_uid == session_uid:
+    def _drop(self, session_uid: int) -> list[str]:
+        """Forget the tasks and results of an object, and end the child if it works on that.
+
+        Returns a sentence about what was read as one with it, if there is such.
+        """
+
+        def of_others(source: Any) -> bool:
+            return session_uid not in {part.session_uid for part in parts_of(source)}
+
+        known = [source for source, _ in (*self.results, *self.tasks[max(self._begun - 1, 0) :])]
+        lost = {part.session_uid: part for source in known if not of_others(source) for part in parts_of(source)}
+        lost.pop(session_uid, None)
+        if self.current_source is not None and not of_others(self.current_source):
             self.stop()
-        waiting = [task for task in self.tasks[self._begun :] if task[0].session_uid != session_uid]
-        self.tasks[self._begun :] = waiting
-        self.results = [each for each in self.results if each[0].session_uid != session_uid]
+        self.tasks[self._begun :] = [task for task in self.tasks[self._begun :] if of_others(task[0])]
+        self.results = [each for each in self.results if of_others(each[0])]
+        text = rpt_("So there is none of what was solved together with it: {}")
+        return [text.format(", ".join(map(current_name, lost.values())))] if lost else []
 
     def remaining_seconds(self) -> float | None:
         """Return how long the rest takes at the speed so far, once that is known."""
@@ -183,9 +194,11 @@ class Run:
         self._job.start(source.arrays, settings, previews=self.preview is not None)
 
     def _take_result(self, job: Job) -> None:
-        source = self.tasks[self._begun - 1][0]
+        source, settings = self.tasks[self._begun - 1]
         if job.outcome is not None:
             self.results.append((source, job.outcome))
+        elif len(parts_of(source)) > 1:  # one of them may be to blame
+            self.tasks[self._begun : self._begun] = [(part, settings) for part in parts_of(source)]
         else:
             self.refusals.append(f"'{current_name(source)}': {job.failure}")
         self.stop()

@@ -15,7 +15,7 @@ from bpy.types import Context, Event, Object
 from ...solver.errors import SparseSurfaceError
 from ...solver.settings import Settings
 from ..data.lengths import length_text
-from ..data.objects import current_name, select_only, source_to_solve
+from ..data.objects import current_name, parts_of, select_only, source_to_solve
 from ..data.report_text import one_line
 from ..data.visibility import readable, settle
 from ..representation import compacting
@@ -30,13 +30,15 @@ from .status import show_progress
 if TYPE_CHECKING:
     from ...solver.progress import Progress
     from ..data.meshes import Source
+    from ..data.parts import Parts
     from ..data.points import CloudSource
 
 Task = tuple[Any, Any]
-"""What is read from an object, a `Source`, a `CloudSource` or a `PairSource`, and the settings."""
+"""What is read from objects, a `Source`, `Parts`, a `CloudSource` or a `PairSource`, and the settings."""
 
 Solved = tuple[Any, Any]
-"""A `Source` with its `Approximation`, a `CloudSource` with its `CloudOutcome`, a `PairSource` with its `Distances`."""
+"""A `Source` or `Parts` with an `Approximation`, a `CloudSource` with its `CloudOutcome`, a `PairSource` with its
+`Distances`."""
 
 
 class SolverOperator:
@@ -74,11 +76,17 @@ class SolverOperator:
         """Solve in this process and return when all is done: for scripts and without a window."""
         tasks, refusals = self.tasks(context)
         done: list[Solved] = []
-        for number, (source, settings) in enumerate(tasks):
+        begun = 0
+        while begun < len(tasks):
+            source, settings = tasks[begun]
+            begun += 1
             try:
-                done.append((source, _solve_here(source, settings, context, number, len(tasks))))
+                done.append((source, _solve_here(source, settings, context, begun - 1, len(tasks))))
             except (SparseSurfaceError, MemoryError) as error:
-                refusals.append(refusal(source.name, error, len(tasks)))
+                if len(parts_of(source)) > 1:  # one of them may be to blame
+                    tasks[begun:begun] = [(part, settings) for part in parts_of(source)]
+                else:
+                    refusals.append(refusal(source.name, error, len(tasks)))
         return self._conclude(context, done, refusals)
 
     def invoke(self, context: Context, event: Event) -> set[str]:
@@ -159,22 +167,25 @@ class SolverOperator:
 
     def make_each(
         self,
-        make: Callable[[Any, Any], Object],
+        make: Callable[[Any, Any], list[Object]],
         context: Context,
         done: Sequence[Solved],
         refusals: list[str],
         others: Sequence[Object] = (),
     ) -> list[Object]:
-        """Make an object of each result by `make(source, result)`, and show it instead of its source and `others`."""
-        made = []
+        """Make objects of each result by `make(source, result)`, shown instead of their sources and `others`."""
+        made: list[Object] = []
         for source, result in done:
             try:
-                made.append(make(source, result))
+                found = make(source, result)
             except SparseSurfaceError as error:
                 refusals.append(str(error))
                 continue
-            settle([made[-1]], context, others)
+            if not found:
+                continue
+            settle(found, context, others)
             self.say_result(current_name(source), result.report)
+            made += found
         return made
 
     def say_result(self, name: str, report: dict[str, Any]) -> None:
@@ -206,9 +217,14 @@ def scene_settings(context: Context) -> Settings:
     return replace(settings, workers=settings.workers or preferred_workers(context))
 
 
-def read_sources(context: Context, chosen: Sequence[Object]) -> tuple[list[Source], list[str]]:
-    """Read objects, or the sources of results, as the scene asks; also return a sentence for each that is refused."""
-    from ..data.meshes import read_object
+def read_sources(
+    context: Context, chosen: Sequence[Object], together: Settings | None = None
+) -> tuple[list[Source | Parts], list[str]]:
+    """Read objects, or the sources of results, as the scene asks; also return a sentence for each that is refused.
+
+    With the settings that they are to be solved with, those that are parts of one surface are read `together`.
+    """
+    from ..data.parts import read_together
 
     settings = context.scene.sparse_surface
     how = {"evaluated": settings.use_modifiers, "vertex_group": settings.vertex_group}
@@ -216,15 +232,9 @@ def read_sources(context: Context, chosen: Sequence[Object]) -> tuple[list[Sourc
     found = {candidate: source_to_solve(candidate) for candidate in chosen}
     refusals = [gone.format(candidate.name) for candidate, source in found.items() if source is None]
     wanted = list(dict.fromkeys(source for source in found.values() if source is not None))
-    sources = []
     with readable(wanted, context):
-        depsgraph = context.evaluated_depsgraph_get()
-        for source in wanted:
-            try:
-                sources.append(read_object(source, depsgraph, **how))
-            except SparseSurfaceError as error:
-                refusals.append(refusal(source.name, error, len(chosen)))
-    return sources, refusals
+        sources, refused = read_together(wanted, context.evaluated_depsgraph_get(), together, **how)
+    return sources, refusals + [refusal(name, error, len(chosen)) for name, error in refused]
 
 
 def refusal(name: str, error: BaseException, count: int) -> str:
@@ -233,9 +243,10 @@ def refusal(name: str, error: BaseException, count: int) -> str:
     return text if count == 1 else f"'{name}': {text}"
 
 
-def _solve_here(source: Source | CloudSource, settings: Settings, context: Context, number: int, count: int) -> Any:
-    from ...solver.job import solve_arrays
-    from ...solver.progress import run_to_end
+def _solve_here(
+    source: Source | Parts | CloudSource, settings: Settings, context: Context, number: int, count: int
+) -> Any:
+    from ...solver.job import solve_here
 
     manager = context.window_manager
     manager.progress_begin(0.0, count)
@@ -244,6 +255,6 @@ def _solve_here(source: Source | CloudSource, settings: Settings, context: Conte
         manager.progress_update(number + step.fraction)
 
     try:
-        return run_to_end(solve_arrays(source.arrays, settings), show)
+        return solve_here(source.arrays, settings, show)
     finally:
         manager.progress_end()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bpy.app.translations import pgettext_rpt as rpt_
-from bpy.types import Context, SpaceView3D
+from bpy.types import Context, Object, SpaceView3D
 
 from ..data.objects import chosen_objects, chosen_results, has_faces, selected_meshes, selected_points, source_to_solve
 from ..data.result_keys import has_heat_map, has_patches, has_representation, read_report
@@ -97,8 +97,15 @@ def made_object(context: Context) -> str:
 
 def representation(context: Context) -> str:
     """The active object holds a representation."""
-    found = has_representation(context.active_object)
-    return "" if found else rpt_("Select a result: an object that Approximate has made")
+    return "" if has_representation(context.active_object) else without_functions(context.active_object)
+
+
+def without_functions(candidate: Object | None) -> str:
+    """Return why an object has no representation."""
+    report: Any = read_report(candidate)
+    if report is not None and "parts" in report["input"]:
+        return rpt_("This is a part of a surface. Join its sources (Ctrl J) and approximate that to keep functions")
+    return rpt_("Select a result: an object that Approximate has made")
 
 
 def patches(context: Context) -> str:

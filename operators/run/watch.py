@@ -24,7 +24,7 @@ class Watch:
     Parameters
     ----------
     sources
-        Each a `Source` or a `CloudSource`.
+        Each of one object, a `Source` or a `CloudSource`.
     """
 
     def __init__(self, sources: Iterable[Any]) -> None:

@@ -1,24 +1,24 @@
 """Meshes that are parts of one surface: what shares a border is approximated as one mesh and given back part by part.
 
 Files cut a body into objects by material, layer or group.  Approximated one by one, the parts would come apart where
-they met: each surface leaves its border by itself.
+they met: each surface leaves its border by itself.  Which parts share a border, `shared_borders` finds; who only shows
+results need not load SciPy, so this module does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Indices, offsets_of
-from ..mesh.edges import connected_parts
-from ..mesh.welding import automatic_distance, find_weld
-from ..settings import Settings
-from ..surface.representation import Representation
 from .result import Approximation
+
+if TYPE_CHECKING:
+    from ..surface.representation import Representation
 
 Mesh = Any
 """Flat arrays of a polygon mesh: an `interchange.MeshArrays`."""
@@ -41,21 +41,6 @@ class Part:
     place: Indices
 
 
-def groups_of_parts(meshes: Sequence[Mesh], settings: Settings) -> list[list[int]]:
-    """Return the numbers of meshes in one frame, those together that share an open border; each group ascends."""
-    together = joined(meshes)
-    points = together.vertices.astype(np.float64)
-    weld = None
-    if settings.merge_vertices and len(meshes) > 1 and len(points):
-        triangles = together.triangles.astype(np.int64)
-        weld = find_weld(points, triangles, settings.merge_distance or automatic_distance(together.vertices, triangles))
-    if weld is None:
-        return [[number] for number in range(len(meshes))]
-    owner = np.repeat(np.arange(len(meshes)), [len(mesh.vertices) for mesh in meshes])
-    label = connected_parts(owner, owner[weld.first][weld.place], len(meshes))[1]
-    return [np.flatnonzero(label == group).tolist() for group in range(int(label.max()) + 1)]
-
-
 def joined(meshes: Sequence[Mesh]) -> Mesh:
     """Return meshes as one; those without weights weigh 1."""
     vertices = offsets_of(np.array([len(mesh.vertices) for mesh in meshes], dtype=np.int64)).astype(np.int32)
@@ -75,16 +60,17 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def taken_apart(whole: Approximation, meshes: Sequence[Mesh]) -> list[tuple[Approximation, Part]]:
-    """Return the result of each of the meshes that were `joined`, all with the report and the surface of the whole."""
-    counts = np.array([[len(mesh.vertices), len(mesh.sizes), len(mesh.corners)] for mesh in meshes])
-    ends = np.cumsum(counts, axis=0)
-    place = _places(joined(meshes), whole.representation)
+def taken_apart(whole: Approximation, meshes: Sequence[Mesh], names: Sequence[str]) -> list[Approximation]:
+    """Return the result of each of the meshes that were `joined`, all with the surface of the whole.
+
+    Their report is that of the whole, too; `input` in it has the `parts`, their names.
+    """
     found = []
-    for first, end in zip(ends - counts, ends, strict=True):
-        vertices, faces, corners = (slice(int(a), int(b)) for a, b in zip(first, end, strict=True))
+    report = replace(whole.measures, input={**whole.measures.input, "parts": list(names)})
+    for vertices, faces, _ in _slices(meshes):
         own = replace(
             whole,
+            measures=report,
             vertices=whole.vertices[vertices],
             error=whole.error[vertices],
             patch=whole.patch[vertices],
@@ -92,8 +78,22 @@ def taken_apart(whole: Approximation, meshes: Sequence[Mesh]) -> list[tuple[Appr
             history=None if whole.history is None else whole.history[:, vertices],
             creases=None if whole.creases is None else _within(whole.creases, vertices),
         )
-        found.append((own, Part(faces, corners, place[vertices])))
+        found.append(own)
     return found
+
+
+def places_of_parts(surface: Representation, meshes: Sequence[Mesh]) -> list[Part]:
+    """Return where each of the meshes that were `joined` is in the surface of all."""
+    place = _places(joined(meshes), surface)
+    return [Part(faces, corners, place[vertices]) for vertices, faces, corners in _slices(meshes)]
+
+
+def _slices(meshes: Sequence[Mesh]) -> list[tuple[slice, slice, slice]]:
+    """Return which vertices, faces and corners of the joined mesh are those of each."""
+    counts = np.array([[len(mesh.vertices), len(mesh.sizes), len(mesh.corners)] for mesh in meshes])
+    ends = np.cumsum(counts, axis=0)
+    pairs = zip((ends - counts).tolist(), ends.tolist(), strict=True)
+    return [(slice(v, w), slice(f, g), slice(c, d)) for (v, f, c), (w, g, d) in pairs]
 
 
 def _places(mesh: Mesh, surface: Representation) -> Indices:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from sparse_surface.solver import Settings, resample
-from sparse_surface.solver.approximation.parts import groups_of_parts, joined, taken_apart
+from sparse_surface.solver.approximation.parts import joined, places_of_parts, taken_apart
+from sparse_surface.solver.approximation.shared_borders import groups_of_parts
 from sparse_surface.solver.interchange import MeshArrays
 from sparse_surface.solver.job import approximate_arrays
 from sparse_surface.solver.progress import run_to_end
@@ -85,20 +86,23 @@ def test_only_what_shares_a_border_belongs_together(parts: list[MeshArrays]) -> 
 def test_parts_close_as_before(parts: list[MeshArrays], creases: str) -> None:
     settings = Settings.from_dict({**QUICK.as_dict(), "creases": creases})
     whole = run_to_end(approximate_arrays(joined(parts), settings))
-    found = taken_apart(whole, parts)
+    names = [f"side {number}" for number in range(len(parts))]
+    found = taken_apart(whole, parts, names)
+    assert all(own.report["input"] == {**whole.report["input"], "parts": names} for own in found)
     given = [(mesh.vertices, list(mesh.corners.reshape(-1, 4))) for mesh in parts]
-    after = [(own.vertices, list(mesh.corners.reshape(-1, 4))) for (own, _), mesh in zip(found, parts, strict=True)]
+    after = [(own.vertices, list(mesh.corners.reshape(-1, 4))) for own, mesh in zip(found, parts, strict=True)]
     assert open_edges(given) == open_edges(after) == 0
-    moved = np.concatenate([own.vertices for own, _ in found])
+    moved = np.concatenate([own.vertices for own in found])
     assert np.array_equal(moved, whole.vertices)
     assert not np.array_equal(moved, np.concatenate([mesh.vertices for mesh in parts]))
-    assert np.array_equal(np.concatenate([own.domain_stretch for own, _ in found]), whole.domain_stretch)
+    assert np.array_equal(np.concatenate([own.domain_stretch for own in found]), whole.domain_stretch)
+    places = places_of_parts(whole.representation, parts)
     for splits in (1, 3):
         fine = resample(whole.representation, splits)
-        cut = [fine.part(part.faces, part.corners, part.place) for _, part in found]
+        cut = [fine.part(part.faces, part.corners, part.place) for part in places]
         assert open_edges([(own.vertices, own.polygons()) for own, _ in cut]) == 0
         assert sum(len(own.sizes) for own, _ in cut) == len(fine.sizes)
-        for mesh, (own, _), (result, part) in zip(parts, cut, found, strict=True):
+        for mesh, (own, _), result, part in zip(parts, cut, found, places, strict=True):
             check_layers(mesh, own, splits)
             sorts = np.sort(np.unique(part.place, return_index=True)[1])
             assert own.vertices[: len(sorts)] == pytest.approx(result.vertices[sorts].astype(np.float64), abs=1e-6)
