@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..solver.errors import InputError
-from . import accuracy, denoising, distances, evaluation, measured, performance
+from . import accuracy, alignment, denoising, distances, evaluation, measured, performance
 from . import generated_models as models
 from .cases import Case
 from .tables import Table
@@ -21,6 +21,7 @@ DOWNLOADED = {"fandisk": "fandisk.obj", "bunny": "stanford-bunny.ply", "rocker-a
 ALL = (*PAPERS, *DOWNLOADED)
 TIMED = ("cube", "fandisk", "bunny")
 ABLATED = ("cube", "fandisk")
+ALIGNED = ("cubetorus", "fandisk", "bunny")
 
 Say = Callable[[str], None]
 Result = tuple[dict[str, Table], Any]
@@ -44,6 +45,7 @@ PARTS: dict[str, tuple[Sequence[str], Callable[[Sequence[Case], Say], Result]]] 
     "representation": (evaluation.MODELS, evaluation.run),
     "denoising": (ALL, denoising.run),
     "distances": (ALL, distances.run),
+    "alignment": (ALIGNED, alignment.run),
 }
 """Parts of the benchmark: models that each takes, unless some are named, and what measures them."""
 

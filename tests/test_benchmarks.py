@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from sparse_surface.benchmarks import accuracy, denoising, distances, evaluation
+from scipy.spatial.transform import Rotation
+from sparse_surface.benchmarks import accuracy, alignment, denoising, distances, evaluation
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
@@ -194,6 +195,39 @@ def test_distances_stand_beside_those_of_another_program(monkeypatch) -> None:
         assert each["max"] <= each["bound"]
         assert each["rms"] <= each["lab_rms"] + 1e-3 < each["rms"] + lattice
     assert tables["distances"].column("direction") == ["there", "back"] * 3
+
+
+def test_motions_that_know_everything_are_the_best_there_are() -> None:
+    """Without noise they undo a motion; with it, their squared error is that of the bound of Cramer and Rao."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(200, 3))
+    normals = rng.normal(size=(200, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    turn = Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix()
+    away = points @ turn.T + [0.01, 0.02, -0.03]
+    for matrix in (alignment.knowing_pairs(away, points), alignment.knowing_planes(away, points, normals)):
+        assert away @ matrix[:3, :3].T + matrix[:3, 3] == pytest.approx(points, abs=1e-12)
+    noise = 1e-3
+    shifts = [[], []]
+    for _ in range(300):
+        noisy = points + noise * rng.normal(size=points.shape)
+        shifts[0].append(alignment.knowing_pairs(noisy, points)[:3, 3])
+        shifts[1].append(alignment.knowing_planes(noisy, points, normals)[:3, 3])
+    rows = [
+        np.concatenate([np.concatenate([np.cross(points, each), each], axis=1) for each in directions])
+        for directions in (np.tile(np.eye(3)[:, None], (1, len(points), 1)), normals[None])
+    ]
+    for found, system in zip(shifts, rows, strict=True):
+        bound = noise**2 * np.linalg.inv(system.T @ system)[3:, 3:]
+        assert np.var(found, axis=0) == pytest.approx(np.diag(bound), rel=0.3)
+
+
+def test_alignment_stands_beside_what_is_possible() -> None:
+    tables, values = alignment.run([Case("l_solid")], lambda _: None, {"copy": 2, "scan": 1})
+    assert [each["kind"] for each in values] == ["copy", "scan"] == tables["alignment"].column("kind")
+    for each in values:
+        assert each["failed"] == 0
+        assert each["median"] < 2.0 * each["least_median"] < 0.01
 
 
 def test_without_the_other_program_there_is_nothing_to_compare(monkeypatch) -> None:

@@ -13,12 +13,13 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..arrays import Array, Booleans
 from ..errors import InputError
 from ..mesh.normals import face_normals
 from ..progress import Progress, Steps
+from .motions import moved_by, placing, small_motion
+from .shared_polygons import SHARED, TRIANGLES, Corners, move_corners
 from .surfaces import Surface
 from .targets import PointTarget, Target
 
@@ -27,7 +28,9 @@ COARSE_STEPS, FINE_STEPS, LAST_STEPS = 15, 25, 6
 STAND_IN_PLACES = 20_000
 """Places on B with the normals there, whose nearest ones are found fast; only the last steps take B itself."""
 
-KEPT_STARTS = 4
+KEPT_STARTS, MOST_STARTS = 4, 8
+"""So many different ends are refined, and so many where those of a symmetric part are equally good."""
+
 FAR_PAIR = 4.0
 """A pair is left out when it is this many times as far apart as the median pair."""
 
@@ -36,6 +39,9 @@ EQUALLY_GOOD = 1.1
 
 SAME_END = 1e-3
 """Two ends are the same when no place differs by more than this share of the side."""
+
+SAME_START = 0.05
+"""The same for ends that are still to be refined."""
 
 GOOD_RESIDUAL, GOOD_OVERLAP = 0.02, 0.5
 
@@ -89,18 +95,20 @@ def align_steps(a: Surface, b: Surface, *, scaled: bool = False) -> Steps[Alignm
     for number, start in enumerate(starts):
         yield Progress("Aligning", 0.6 * number / len(starts), f"start {number + 1} of {len(starts)}")
         ends.append(_iterate(places[0], stand_in, start, scaled, COARSE_STEPS, side))
-    order = np.argsort([end.cost for end in ends], kind="stable")
-    finer = []
-    for number, which in enumerate(order[:KEPT_STARTS]):
-        yield Progress("Aligning", 0.6 + 0.3 * number / KEPT_STARTS, "refining the best starts")
-        finer.append(_iterate(places[1], stand_in, ends[which].matrix, scaled, FINE_STEPS, side))
+    ends = _different(ends, places[0], SAME_START * side)
+    limit = min(EQUALLY_GOOD * ends[0].cost, GOOD_RESIDUAL * side)
+    kept, finer = ends[:KEPT_STARTS] + [end for end in ends[KEPT_STARTS:MOST_STARTS] if end.cost <= limit], []
+    for number, end in enumerate(kept):
+        yield Progress("Aligning", 0.6 + 0.3 * number / len(kept), "refining the best starts")
+        finer.append(_iterate(places[1], stand_in, end.matrix, scaled, FINE_STEPS, side))
     best = min(finer, key=lambda end: end.cost)
-    close = [end for end in finer if end.cost <= EQUALLY_GOOD * best.cost]
+    good = _different([end for end in finer if end.cost <= EQUALLY_GOOD * best.cost], places[1], SAME_END * side)
     yield Progress("Aligning", 0.9, "with all places")
     last = _iterate(places[2], b.target, best.matrix, scaled, LAST_STEPS, side)
-    return Alignment(
-        last.matrix, last.residual, last.overlap, _count_different(close, places[1], side), _problem(last, side)
-    )
+    if a.is_mesh and b.is_mesh:
+        yield Progress("Aligning", 0.95, "with shared polygons")
+        last = _by_polygons(a, b, last, [end.matrix for end in good[1:]], scaled)
+    return Alignment(last.matrix, last.residual, last.overlap, len(good), _problem(last, side))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +141,7 @@ def _starts(a: Array, b: Array, scaled: bool) -> list[Array]:
         turn = np.zeros((3, 3))
         turn[np.arange(3), order] = signs
         if np.linalg.det(turn) > 0.0:
-            found.append((order != (0, 1, 2), _matrix(scale * axes_b @ turn @ axes_a.T, middle_a, middle_b)))
+            found.append((order != (0, 1, 2), placing(scale * axes_b @ turn @ axes_a.T, middle_a, middle_b)))
     return [matrix for _, matrix in sorted(found, key=lambda each: each[0])]
 
 
@@ -146,23 +154,16 @@ def _principal(points: Array) -> tuple[Array, Array, float]:
     return middle, axes, float(np.sqrt(np.trace(spread)))
 
 
-def _matrix(linear: Array, origin: Array, goal: Array) -> Array:
-    """Return the 4 x 4 matrix that takes `origin` to `goal` with this linear part."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = linear, goal - linear @ origin
-    return matrix
-
-
 def _iterate(places: Array, target: Target, start: Array, scaled: bool, steps: int, side: float) -> _End:
     """Repeat: pair places with B, leave far pairs out, step; until steps are as small as rounding."""
     matrix, settled = start, False
     for step in range(steps + 1):
-        moved = places @ matrix[:3, :3].T + matrix[:3, 3]
+        moved = moved_by(matrix, places)
         found = target.nearest(moved)
         kept = _kept(found.distance, side)
         if settled or step == steps:
             break
-        change = _step(moved[kept], found.foot[kept], target.normals(found)[kept], scaled)
+        change = small_motion(moved[kept], found.foot[kept], target.normals(found)[kept], scaled)
         matrix = change @ matrix
         far = np.abs(moved @ (change[:3, :3] - np.eye(3)).T + change[:3, 3]).max()
         settled = bool(far < 1e-12 * side)
@@ -177,32 +178,31 @@ def _kept(distance: Array, side: float) -> Booleans:
     return np.asarray(distance <= FAR_PAIR * np.median(distance) + 1e-9 * side)
 
 
-def _step(points: Array, feet: Array, normals: Array, scaled: bool) -> Array:
-    """Return the small motion (4, 4) that brings points (N, 3) closest to the planes at their feet."""
-    middle = points.mean(axis=0)
-    arms = points - middle
-    reach = float(np.sqrt((arms**2).sum(axis=1).mean())) or 1.0
-    columns = [np.cross(arms, normals) / reach, normals]
-    if scaled:
-        columns.append((arms * normals).sum(axis=1, keepdims=True) / reach)
-    system = np.concatenate(columns, axis=1)
-    missing = ((feet - points) * normals).sum(axis=1)
-    square = system.T @ system
-    square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / len(square)  # a ball may turn as it likes
-    found = np.linalg.solve(square, system.T @ missing)
-    turn = Rotation.from_rotvec(found[:3] / reach).as_matrix()
-    size = max(0.5, min(2.0, 1.0 + found[6] / reach)) if scaled else 1.0
-    return _matrix(size * turn, middle, middle + found[3:6])
+def _by_polygons(a: Surface, b: Surface, last: _End, others: list[Array], scaled: bool) -> _End:
+    """Return where A's vertices lie on those of B, where the meshes have the same polygons; `last` where not.
+
+    Of ends that are equally good the polygons tell the right one.
+    """
+    corners = Corners(b)
+    triangles = a.triangles[:: 1 + len(a.triangles) // TRIANGLES]
+    found = [(corners.pairs(moved_by(start, a.vertices), triangles), start) for start in (last.matrix, *others)]
+    shared = [(pairs.apart, start) for pairs, start in found if pairs.share >= SHARED]
+    if not shared:
+        return last
+    start = min(shared, key=lambda each: each[0])[1]
+    matrix, side = move_corners(a.vertices, triangles, corners, start, scaled), b.longest_side
+    end = _iterate(_some(a, LAST_PLACES), b.target, matrix, scaled, 0, side)
+    return end if end.cost <= EQUALLY_GOOD * last.cost + 1e-12 * side else last
 
 
-def _count_different(ends: list[_End], places: Array, side: float) -> int:
-    """Return how many of the ends put the places elsewhere."""
-    different: list[Array] = []
-    for end in ends:
-        moved = places @ end.matrix[:3, :3].T + end.matrix[:3, 3]
-        if all(np.abs(moved - other).max() > SAME_END * side for other in different):
-            different.append(moved)
-    return len(different)
+def _different(ends: list[_End], places: Array, apart: float) -> list[_End]:
+    """Return the ends by their cost, without those that put no place farther than `apart` from an earlier one's."""
+    different: list[tuple[_End, Array]] = []
+    for end in sorted(ends, key=lambda each: each.cost):
+        moved = moved_by(end.matrix, places)
+        if all(np.abs(moved - other).max() > apart for _, other in different):
+            different.append((end, moved))
+    return [end for end, _ in different]
 
 
 def _problem(end: _End, side: float) -> str:

@@ -47,10 +47,13 @@ class Surface:
         Raises
         ------
         InputError
-            When there is no vertex, a coordinate is not finite, or a triangle names a vertex that does not exist.
+            When there is no vertex, a coordinate is not finite, or a triangle names a vertex that does not exist or
+            has other than three corners.
         """
         points = checked_vertices(vertices)
         rows = np.zeros((0, 3), dtype=np.int64) if triangles is None else np.asarray(triangles, dtype=np.int64)
+        if rows.size and rows.shape[-1] != 3:
+            raise InputError(f"Triangles have three corners, not {rows.shape[-1]}.")
         rows = rows.reshape(-1, 3)
         if len(rows) and (rows.min() < 0 or rows.max() >= len(points)):
             raise InputError(f"A triangle names a vertex that does not exist; there are {len(points)}.")

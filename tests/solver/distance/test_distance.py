@@ -84,6 +84,8 @@ def test_what_cannot_be_measured_is_refused() -> None:
         distance(mesh, cloud, DistanceSettings(signed=True))
     with pytest.raises(InputError, match="does not exist"):
         Surface.of(np.eye(3), [[0, 1, 3]])
+    with pytest.raises(InputError, match="three corners"):
+        Surface.of(np.eye(3), [[0, 1, 2, 0]])
     with pytest.raises(InputError, match="no area"):
         Surface.of(np.eye(3), [[0, 1, 1]])
     for wrong in ({"align": "loose"}, {"tolerance": -1.0}, {"samples": 1}, {"bins": 1}):
