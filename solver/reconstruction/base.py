@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..errors import InputError
 from ..mesh.closest_points import closest_points
 from ..mesh.edges import edge_keys
@@ -41,6 +41,12 @@ REACH, APART = 0.5, 0.45
 
 BORDER_SPACINGS = 0.5
 """Vertices on the border of a base that is made lie within this many spacings of a point."""
+
+OUTSIDE_SPACINGS, OUTSIDE_LEVELS = 0.7, 1.0
+"""Points beyond its border are reached by it where they are farther than this many spacings and noise levels away."""
+
+AROUND = 1.5
+"""Points within this many lengths of a moved vertex's longest edge say whether the move was for the better."""
 
 LEAST_TURN = 0.3
 """Cosine of the largest angle by which such a move may turn a triangle."""
@@ -147,6 +153,46 @@ def border_near_points(mesh: TriangleMesh, points: Array, reach: float) -> Trian
             break
         vertices[folded] = mesh.vertices[folded]
     return replace(mesh, vertices=vertices)
+
+
+def border_out_to_points(mesh: TriangleMesh, points: Array, farthest: float) -> TriangleMesh:
+    """Move vertices of the border onto points (P, 3) beyond it that are farther than this: corners that were cut off.
+
+    The farthest point comes first and gets the nearest vertex of the border, unless triangles fold or the points
+    around are farther from the base afterwards, by the sum of their squared distances.  No vertex moves twice.
+    """
+    left, beyond = _beyond_border(mesh, points)
+    border, vertices = np.unique(mesh.node_vertex[mesh.border]), mesh.vertices.copy()
+    wanted = beyond & (left > farthest)
+    while wanted.any() and len(border):
+        number = int(np.where(wanted, left, 0.0).argmax())
+        wanted[number] = False
+        vertex = border[np.linalg.norm(vertices[border] - points[number], axis=1).argmin()]
+        moved, fan = vertices.copy(), mesh.triangles[(mesh.triangles == vertex).any(axis=1)]
+        moved[vertex] = points[number]
+        if ((face_normals(vertices, fan) * face_normals(moved, fan)).sum(axis=1) < LEAST_TURN).any():
+            continue
+        reach = AROUND * float(np.linalg.norm(moved[fan] - points[number], axis=2).max())
+        near = np.flatnonzero(np.linalg.norm(points - points[number], axis=1) < reach)
+        close = np.linalg.norm(moved[mesh.triangles] - points[number], axis=2).min(axis=1) < 2.0 * reach
+        feet = closest_points(points[near], moved, mesh.triangles[close])
+        now = np.linalg.norm(feet.on(moved, mesh.triangles[close]) - points[near], axis=1)
+        if (now**2).sum() < (left[near] ** 2).sum():
+            vertices, border = moved, border[border != vertex]
+            left[near] = now
+            wanted[near] &= now > farthest
+    return replace(mesh, vertices=vertices)
+
+
+def _beyond_border(mesh: TriangleMesh, points: Array) -> tuple[Array, Booleans]:
+    """Distances of points (P, 3) from a mesh, and whether the nearest place of it is on its border, (P,) each."""
+    feet = closest_points(points, mesh.vertices, mesh.triangles)
+    at_border = np.zeros(len(mesh.vertices), dtype=bool)
+    at_border[mesh.node_vertex[mesh.border]] = True
+    counts = feet.barycentric > 1e-9
+    along = ~counts.all(axis=1) & (at_border[mesh.triangles[feet.triangle]] | ~counts).all(axis=1)
+    away = np.linalg.norm(feet.on(mesh.vertices, mesh.triangles) - points, axis=1)
+    return away, np.asarray(along, dtype=np.bool_)
 
 
 def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:

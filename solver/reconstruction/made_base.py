@@ -18,7 +18,15 @@ from ..arrays import Array, Indices
 from ..errors import InputError
 from ..mesh.decimation import decimated
 from ..progress import Progress, Steps, run_to_end
-from .base import BORDER_SPACINGS, border_near_points, checked_base, drawn_to_points
+from .base import (
+    BORDER_SPACINGS,
+    OUTSIDE_LEVELS,
+    OUTSIDE_SPACINGS,
+    border_near_points,
+    border_out_to_points,
+    checked_base,
+    drawn_to_points,
+)
 from .cleaning import clean
 from .geometry import CloudGeometry, analyse, on_planes
 from .holes import across_holes, faired, narrow_holes
@@ -123,6 +131,8 @@ def make_base_steps(
     near = drawn_to_points(mesh, places, np.ones(len(places)))
     if not closed:
         near = border_near_points(near, places, BORDER_SPACINGS * geometry.spacing)
+        outside = OUTSIDE_SPACINGS * geometry.spacing + OUTSIDE_LEVELS * geometry.noise
+        near = border_out_to_points(near, places, outside)
     return Base(near.vertices * size + middle, near.triangles, closed, max(holes, 0))
 
 

@@ -11,6 +11,7 @@ from sparse_surface.solver.errors import InputError
 from sparse_surface.solver.mesh.projection import project
 from sparse_surface.solver.reconstruction.base import (
     border_near_points,
+    border_out_to_points,
     checked_base,
     drawn_to_points,
     refuse_distant,
@@ -187,3 +188,34 @@ def test_a_border_vertex_that_would_fold_the_base_stays() -> None:
     a, b, c = (moved.vertices[mesh.triangles[:, k]] for k in range(3))
     assert (np.cross(b - a, c - a)[:, 2] > 0.0).all()
     assert np.isfinite(moved.vertices).all()
+
+
+def chopped_square(parts: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """A mesh of the unit square whose corner at (1, 1) is cut off."""
+    grid = np.linspace(0.0, 1.0, parts + 1)
+    vertices = np.column_stack([np.repeat(grid, parts + 1), np.tile(grid, parts + 1), np.zeros((parts + 1) ** 2)])
+    low = np.array([k for k in range((parts + 1) * parts) if k % (parts + 1) < parts])
+    across = np.stack([low + 1, low + parts + 1, low + parts + 2], axis=1)  # the last one holds the corner
+    return vertices[:-1], np.concatenate([np.stack([low, low + parts + 1, low + 1], axis=1), across[:-1]])
+
+
+def test_a_corner_that_was_cut_off_comes_back_and_the_rest_stays() -> None:
+    mesh = checked_base(*chopped_square())
+    random = np.random.default_rng(4)
+    points = np.vstack([np.column_stack([random.uniform(0.0, 1.0, (2000, 2)), np.zeros(2000)]), [[1.0, 1.0, 0.0]]])
+    reached = border_out_to_points(mesh, points, 0.03)
+    moved = np.flatnonzero((reached.vertices != mesh.vertices).any(axis=1))
+    assert len(moved) == 1
+    np.testing.assert_array_equal(reached.vertices[moved], [[1.0, 1.0, 0.0]])
+    sides = np.diff(reached.vertices[reached.triangles], axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    assert area.sum() == pytest.approx(1.0, rel=1e-12)
+    assert area.min() > 0.0
+
+
+def test_a_point_above_the_base_or_far_beyond_a_sharp_move_changes_nothing() -> None:
+    mesh = checked_base(*chopped_square())
+    inside = np.vstack([mesh.vertices, [[0.5, 0.5, 0.4]]])
+    np.testing.assert_array_equal(border_out_to_points(mesh, inside, 0.03).vertices, mesh.vertices)
+    beyond = np.vstack([mesh.vertices, [[0.5, -0.5, 3.0]]])  # a vertex that went there would turn its triangles up
+    np.testing.assert_array_equal(border_out_to_points(mesh, beyond, 0.03).vertices, mesh.vertices)

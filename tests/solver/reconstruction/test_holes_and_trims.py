@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -59,6 +60,23 @@ def test_only_holes_up_to_the_width_are_closed(widest: float, euler: int) -> Non
     assert outcome.report["input"].get("holes_closed") == (euler + 1 if widest else None)  # Euler -1: both are open
     vertices = outcome.vertices.astype(np.float64)
     assert np.abs(vertices[:, 2] - waves(vertices[:, :2])[:, 2]).max() < 0.03
+
+
+def folded(u: np.ndarray) -> np.ndarray:
+    """A rectangle, 2 long and 1 wide, folded along its middle."""
+    return np.column_stack([u[:, 0], np.maximum(u[:, 1], 0.0), np.maximum(-u[:, 1], 0.0)])
+
+
+@pytest.mark.parametrize(("shape", "count", "noise", "seed"), [(folded, 1500, 0.0, 3), (waves, 4000, 0.3, 5)])
+def test_an_open_surface_reaches_the_corners_of_its_cloud(
+    shape: Callable[[np.ndarray], np.ndarray], count: int, noise: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    points = shape(random.uniform(-1.0, 1.0, (count, 2)))
+    outcome = solved(points + noise * 2.0 / count**0.5 * random.normal(size=points.shape))
+    corners = shape(np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]]))
+    away = cKDTree(outcome.vertices.astype(np.float64)).query(corners)[0]
+    assert away.max() < 1.5 * outcome.report["input"]["spacing"]
 
 
 def test_a_gap_that_was_bridged_opens_when_trimmed() -> None:
