@@ -144,10 +144,11 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     inside = settings.observations == "centroids"
     hurry = (yield Progress("Reading the mesh", 0.0)) == FINISH
     with watch.stage("cover"):
-        whole = build_mesh(given.positions, given.faces, given.triangles)
-        whole, weights = _held_vertices(whole, given.weights, settings.pin_boundary)
+        mesh = build_mesh(given.positions, given.faces, given.triangles)
+        mesh, weights = _held_vertices(mesh, given.weights, settings.pin_boundary)
+        counts = {"components": mesh.component_count, "coincident_vertices": mesh.coincident_vertices}
     with watch.stage("creases"):
-        searched = _cut(whole, given, settings, weights, runner, hurry)
+        searched = _cut(mesh, given, settings, weights, runner, hurry)
         mesh, hurry = yield from within(searched, 0.0, CUT_ENDS)
     with watch.stage("cover"):
         patches = cover(mesh, settings.ring)
@@ -155,6 +156,7 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     hurry = hurry or request == FINISH
     with watch.stage("domains"):
         surface = _covered(mesh, patches, settings, weights, runner)
+        del patches  # the surface has its own, of which some were split
     with watch.stage("solve"):
         end = SOLVE_ENDS if settings.sweeps else SWEEPS_END
         hurry = yield from within(surface.fit(hurry=hurry), SOLVE_STARTS, end)
@@ -173,7 +175,7 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
     request = yield Progress("Bounding the error", 0.97, surface=lambda: surface.representation().at_vertices())
     hurry = hurry or request == FINISH
     found = yield from _finished(surface, kept, iterations, hurry, watch)
-    return _result(given, whole, surface, replace(found, points=found.points.astype(stored)), watch)
+    return _result(given, counts, surface, replace(found, points=found.points.astype(stored)), watch)
 
 
 def _finished(
@@ -306,14 +308,16 @@ class Fitted:
 
 
 def _result(
-    given: MeshInput, mesh: TriangleMesh, surface: MeshSurface, found: Fitted, watch: Stopwatch
+    given: MeshInput, counts: dict[str, int], surface: MeshSurface, found: Fitted, watch: Stopwatch
 ) -> Approximation:
-    """Measure a finished surface against the input, a mesh without cuts along creases."""
-    representation, points, kept = found.representation, found.points, found.kept
+    """Measure a finished surface against the input; `counts` are of the mesh before it was cut along creases."""
+    representation, points, kept, mesh = found.representation, found.points, found.kept, surface.mesh
     each = surface.runner.each
     with watch.stage("measure"):
         jacobians, area = domain_jacobians(representation)
         stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
+        flipped = flipped_triangles(jacobians, area)
+        del jacobians, area  # the largest arrays of all
         deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices, found.bounds, each)
         if given.source is not None:
             away = None if found.bounds is None else error_bounds(representation, given.source, each=each)
@@ -326,12 +330,12 @@ def _result(
         representation,
         deviation,
         watch,
-        flipped_triangles=flipped_triangles(jacobians, area),
+        flipped_triangles=flipped,
         passed_through_vertices=_passed_through(representation, error, given),
         vertices_reproduced=found.contained + (0 if kept is None else kept.vertices_reproduced),
         faces_turned=turned,
         iterations=found.iterations,
-        counts={"components": mesh.component_count, "coincident_vertices": mesh.coincident_vertices},
+        counts=counts,
         tolerance=None if kept is None else kept.as_dict(fitted.achieved),
         denoise=given.denoising(fitted),
     )

@@ -136,10 +136,12 @@ class UnevenTriangles:
     @classmethod
     def of(cls, representation: Representation) -> UnevenTriangles:
         """Compare the triangles' longest sides in the initial domains: optimised ones are stretched along creases."""
-        one, two, three = (representation.initial_domains[:, corner] for corner in representation.corners.T)
-        squares = [((a - b) ** 2) @ np.ones(2) for a, b in ((one, two), (two, three), (three, one))]
-        sides = np.sqrt(np.maximum.reduce(squares).max(axis=0))
-        offsets = representation.triangle_offsets
+        offsets, sides = representation.triangle_offsets, np.empty(len(representation.corners))
+        for first in range(0, len(sides), OBSERVED_AT_ONCE):
+            own = slice(first, first + OBSERVED_AT_ONCE)
+            one, two, three = (representation.initial_domains[:, corner] for corner in representation.corners[own].T)
+            squares = [((a - b) ** 2) @ np.ones(2) for a, b in ((one, two), (two, three), (three, one))]
+            sides[own] = np.sqrt(np.maximum.reduce(squares).max(axis=0))
         median = _medians(sides, offsets)
         seen = largest_of(representation.corner_weights) > 0.0
         return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)

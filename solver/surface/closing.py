@@ -40,6 +40,9 @@ ROUNDING = 1e-12
 SLIDE = 0.1
 """Weight of distances within a side's tangent plane, relative to those from it."""
 
+CREASES_AT_ONCE = 4000
+"""Edges of creases that are closed together: more would only take memory."""
+
 Evaluated = Callable[[Indices, Array], tuple[Array, Array]]
 """Evaluates what is to be closed: triangles (N,) and barycentric coordinates (N, 3) to points and normals, (N, 3)."""
 
@@ -144,7 +147,8 @@ class Closing:
         row[rows] = np.arange(len(rows))
         edge = np.full((len(rows), 3), -1)
         edge[row[sides // 3], sides % 3] = np.arange(len(sides))
-        along = _along_sides(fans.sides, triangles, degree, surface)
+        pieces = np.array_split(fans.sides, max(1, -(-len(fans.sides) // CREASES_AT_ONCE)))
+        along = np.concatenate([_along_sides(own, triangles, degree, surface) for own in pieces])
         return cls(row, away[fans.corners[rows]], edge, along, vertices, places)
 
     def at(self, face: Indices, inside: Array, tangents: bool) -> tuple[Indices, Array]:

@@ -207,7 +207,7 @@ class Representation(Saved):
         """A patch's functions without their origin, (3, N), from tables of the polynomials or of their derivatives."""
         return combine(self.grids[patch], u, v) / self.scales[patch][:, None]
 
-    @cached_property
+    @property
     def at_patch_vertices(self) -> Array:
         """Each patch's own value at each of its vertices, before blending, (M, 3)."""
         values = np.empty((len(self.patch_vertices), 3))
