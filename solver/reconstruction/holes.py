@@ -23,7 +23,10 @@ FINEST = 64
 """Most parts into which the sides of such a triangle are split for points."""
 
 FREE_SPACINGS = 1.0
-"""Where the base is farther than this from every point of the cloud it may be smoothed."""
+"""Where the base is farther than this from every point, and nearer to one across a hole, it is smoothed."""
+
+BRIDGED_SPACINGS = 2.0
+"""Beyond this it is smoothed anyway: balls around the points met across a gap, and it sinks between them."""
 
 
 def across_holes(vertices: Array, triangles: Indices, widest: float, spacing: float) -> Array:
@@ -89,13 +92,15 @@ def _spread(corners: Array, spacing: float) -> Array:
     return triangle_grid(int(np.clip(np.ceil(longest / spacing), 1, FINEST))) @ corners
 
 
-def faired(vertices: Array, triangles: Indices, points: Array, across: Array, spacing: float) -> Array:
-    """Smooth a mesh where it follows the points across holes (N, 3) and not those of the cloud (P, 3).
+def faired(vertices: Array, triangles: Indices, points: Array, spacing: float, across: Array | None = None) -> Array:
+    """Smooth a mesh where it follows no points of the cloud (P, 3), but those across holes (N, 3) if they are given.
 
     Minimises the sum of the squared Laplacians, all other vertices fixed: a thin plate that is tangent to the mesh.
     """
     to_points = cKDTree(points).query(vertices)[0]
-    free = (to_points > cKDTree(across).query(vertices)[0]) & (to_points > FREE_SPACINGS * spacing)
+    free = to_points > (BRIDGED_SPACINGS if across is None else FREE_SPACINGS) * spacing
+    if across is not None:
+        free &= to_points > cKDTree(across).query(vertices)[0]
     if not free.any() or free.all():
         return vertices
     count = len(vertices)

@@ -26,6 +26,7 @@ from .base import (
     border_out_to_points,
     checked_base,
     drawn_to_points,
+    without_folds,
 )
 from .cleaning import clean
 from .geometry import CloudGeometry, analyse, on_planes
@@ -64,6 +65,9 @@ EXACT_POINTS_A_VERTEX, NOISY_POINTS_A_VERTEX = 24, 36
 
 NOISY = 0.1
 """A cloud is noisy when its noise is above this share of the spacing; below, the numbers of points go over evenly."""
+
+FAIRINGS = 4
+"""How often the base is smoothed where no point is, each time as far as it does not fold."""
 
 FEWEST, MOST = 12, 20_000
 """Vertices of a base whose size the user has not chosen."""
@@ -129,7 +133,10 @@ def make_base_steps(
         raise InputError("No base could be made from the points: choose a base mesh for them.") from None
     yield Progress("Making the base", 0.9)
     near = drawn_to_points(mesh, places, np.ones(len(places)))
-    if not closed:
+    if closed:
+        for _ in range(FAIRINGS):
+            near = without_folds(near, faired(near.vertices, near.triangles, places, geometry.spacing))
+    else:
         near = border_near_points(near, places, BORDER_SPACINGS * geometry.spacing)
         outside = OUTSIDE_SPACINGS * geometry.spacing + OUTSIDE_LEVELS * geometry.noise
         near = border_out_to_points(near, places, outside)
@@ -181,7 +188,7 @@ def _without_holes(
     """Close the holes of a fine mesh that are at most `widest` wide; returns what `_fine` does."""
     across = across_holes(vertices, triangles, widest, geometry.spacing)
     closed, vertices, triangles = _fine(np.concatenate([points, across]), geometry)
-    return closed, faired(vertices, triangles, points, across, geometry.spacing), triangles
+    return closed, faired(vertices, triangles, points, geometry.spacing, across), triangles
 
 
 def _radii(spacing: float, border: bool) -> list[float]:

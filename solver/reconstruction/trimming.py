@@ -52,6 +52,8 @@ def trimmed(mesh: TriangleMesh, points: Array, spacing: float, cloud: CloudSetti
         return mesh
     beyond = _beyond(points, spacing, cloud)
     vertices, triangles = mesh.vertices, mesh.triangles
+    # shorter sides along the cut: long ones reach beyond between their ends
+    vertices, triangles = bisected(vertices, triangles, _crossed(vertices, triangles, beyond))
     for _ in range(ROUNDS):
         hidden = _hidden(vertices, triangles, beyond)
         if not hidden.any():
@@ -83,6 +85,12 @@ def _hidden(vertices: Array, triangles: Indices, beyond: Beyond) -> Booleans:
     corners = beyond(vertices)[triangles]
     same = corners.all(axis=1) | ~corners.any(axis=1)
     return np.asarray(same & (off != corners[:, :1]).any(axis=1), dtype=np.bool_)
+
+
+def _crossed(vertices: Array, triangles: Indices, beyond: Beyond) -> Booleans:
+    """Which triangles have corners on both sides of the cut."""
+    corners = beyond(vertices)[triangles]
+    return np.asarray(corners.any(axis=1) & ~corners.all(axis=1), dtype=np.bool_)
 
 
 def cut(vertices: Array, triangles: Indices, beyond: Beyond) -> tuple[Array, Indices]:

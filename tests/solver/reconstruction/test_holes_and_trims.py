@@ -79,6 +79,16 @@ def test_an_open_surface_reaches_the_corners_of_its_cloud(
     assert away.max() < 1.5 * outcome.report["input"]["spacing"]
 
 
+@pytest.mark.parametrize("height", [0.97, 0.94])
+def test_a_gap_that_was_bridged_is_filled_smoothly(height: float) -> None:
+    """It was a dent of a quarter of the radius, and vertices copied from the base."""
+    outcome = solved(sphere_below(height, 6000))
+    filled = outcome.vertices[outcome.vertices[:, 2] > height].astype(np.float64)
+    assert len(filled) > 20
+    assert np.abs(np.linalg.norm(filled, axis=1) - 1.0).max() < 0.03
+    assert outcome.report["passed_through_vertices"] == 0
+
+
 def test_a_gap_that_was_bridged_opens_when_trimmed() -> None:
     points = sphere_below(0.95)
     whole, trimmed = solved(points), solved(points, trim_distance=0.12)
