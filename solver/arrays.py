@@ -84,13 +84,20 @@ def padded_rows(
     rows: Sequence[NDArray[Any]], filler: float, leading: tuple[int, ...] = (), dtype: type[np.generic] = np.float64
 ) -> NDArray[Any]:
     """Return K arrays (*leading, n) of different n as one, (K, *leading, largest n), the rows' ends filled."""
-    longest = max((row.shape[-1] for row in rows), default=0)
-    if rows and all(row.shape[-1] == longest for row in rows):
-        return np.concatenate(rows, dtype=dtype).reshape(len(rows), *leading, longest)
-    wide = np.full((len(rows), *leading, longest), filler, dtype=dtype)
-    for place, row in zip(wide, rows, strict=True):
-        place[..., : row.shape[-1]] = row
+    lengths = np.array([row.shape[-1] for row in rows], dtype=np.int64)
+    wide = np.full((len(rows), *leading, lengths.max(initial=0)), filler, dtype=dtype)
+    for length in np.unique(lengths):
+        # rows of one length together: there are many of them
+        alike = np.flatnonzero(lengths == length)
+        own = np.concatenate([rows[k] for k in alike], dtype=dtype)
+        wide[alike, ..., :length] = own.reshape(len(alike), *leading, length)
     return wide
+
+
+def slices_of(count: int, most: int) -> Iterator[slice]:
+    """Split `count` things into slices of `most` or fewer."""
+    for start in range(0, count, most):
+        yield slice(start, start + most)
 
 
 def runs_of_rows(offsets: Indices, most: int) -> Iterator[tuple[int, int]]:

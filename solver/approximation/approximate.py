@@ -23,7 +23,7 @@ from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
 from ..surface.bounds import error_bounds
 from ..surface.creases import crease_edges
-from ..surface.metrics import domain_jacobians, domain_stretch, faces_turned, flipped_triangles, strongest_patch
+from ..surface.metrics import domain_changes, faces_turned, strongest_patch
 from ..surface.representation import Representation
 from .containment import kept_inside
 from .crease_search import cut_along_creases
@@ -314,10 +314,7 @@ def _result(
     representation, points, kept, mesh = found.representation, found.points, found.kept, surface.mesh
     each = surface.runner.each
     with watch.stage("measure"):
-        jacobians, area = domain_jacobians(representation)
-        stretch = domain_stretch(representation, jacobians, mesh.polygon_count)
-        flipped = flipped_triangles(jacobians, area)
-        del jacobians, area  # the largest arrays of all
+        stretch, flipped = domain_changes(representation, mesh.polygon_count, each)
         deviation = fitted = Deviation.from_mesh(representation, points, mesh.vertices, found.bounds, each)
         if given.source is not None:
             away = None if found.bounds is None else error_bounds(representation, given.source, each=each)
@@ -347,15 +344,17 @@ def _result(
         report,
         representation,
         found.history,
-        _creases(representation, mesh, surface.settings),
+        _creases(representation, surface),
     )
 
 
-def _creases(representation: Representation, mesh: TriangleMesh, settings: Settings) -> Indices | None:
+def _creases(representation: Representation, surface: MeshSurface) -> Indices | None:
     """Edges along which the surface was cut; without any, on request those that the domain shows."""
     if len(representation.creases):
         return representation.creases
-    return crease_edges(representation, mesh) if settings.mark_creases else None
+    if not surface.settings.mark_creases:
+        return None
+    return crease_edges(representation, surface.mesh, each=surface.runner.each)
 
 
 def _passed_through(representation: Representation, error: Array, given: MeshInput) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arrays import Booleans, Indices, named_by
 from ..mesh.sampling import triangle_grid
+from ..processes.each import Each
 from ..surface.bounds import error_bounds, exceeding
 from ..surface.representation import Representation
 from .oscillation import UNEVEN, MeshSurface, UnevenTriangles
@@ -46,11 +47,11 @@ def kept_inside(surface: MeshSurface, *, bounded: bool = True) -> tuple[int, tup
     # only a large error leads far out of the box
     if bounds is not None and bounds[1] <= ROOM * surface.mesh.longest_side:
         return 0, bounds
-    reproduced = _let_through(surface, _around_uneven(surface.representation()))
+    reproduced = _let_through(surface, _around_uneven(surface.representation(), each))
     return reproduced, error_bounds(surface.representation(), each=each) if bounded and reproduced else bounds
 
 
-def _around_uneven(representation: Representation) -> Indices:
+def _around_uneven(representation: Representation, each: Each) -> Indices:
     """Mesh triangles in the rings around uneven ones, in space or in a patch's domain, where a spike may be short.
 
     Elsewhere a surface bulges, but does not swing out.
@@ -58,7 +59,7 @@ def _around_uneven(representation: Representation) -> Indices:
     corners = representation.vertices[representation.triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     uneven = sides > UNEVEN * np.median(sides) if len(sides) else np.zeros(0, dtype=bool)
-    uneven[UnevenTriangles.of(representation).mesh_triangles] = True
+    uneven[UnevenTriangles.of(representation, each).mesh_triangles] = True
     triangles = np.flatnonzero(uneven)
     for _ in range(RINGS):
         near = np.zeros(len(representation.vertices), dtype=bool)

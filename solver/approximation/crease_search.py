@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array, Booleans, any_of, folded
+from ..arrays import Array, Booleans, any_of, folded, offsets_of
+from ..mesh.edges import stable_order
 from ..mesh.potential_creases import PotentialCreases, potential_creases
 from ..mesh.triangle_mesh import TriangleMesh, cut_along
 from ..patches.cover import build_cover
@@ -64,8 +65,9 @@ def cut_along_creases(
     if (yield from surface.fit()):
         return mesh, True
     representation = surface.representation()
-    turn = turn_at_edges(representation, mesh, potential.edges)
-    seeds = potential.edges & (turn >= SEED_DEGREES) & (edge_stretch(representation, mesh) >= CREASE_STRETCH)
+    turn = turn_at_edges(representation, mesh, potential.edges, runner.each)
+    seeds = potential.edges & (turn >= SEED_DEGREES)
+    seeds &= edge_stretch(representation, mesh, seeds, runner.each) >= CREASE_STRETCH
     strong, steep = seeds & (turn >= CREASE_DEGREES), potential.edges & potential.steep
     creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds | steep, strong | steep))
     return (cut_along(mesh, creases) if creases.any() else mesh), False
@@ -112,18 +114,18 @@ def _completed(mesh: TriangleMesh, dihedral: Array, creases: Booleans) -> Boolea
 def _without_loose_ends(mesh: TriangleMesh, creases: Booleans) -> Booleans:
     """Take off ends of fewer than `SHORTEST_END` edges that hang on a junction."""
     kept = creases.copy()
-    degree = np.bincount(mesh.edges[creases].ravel(), minlength=mesh.node_count)
-    at: dict[int, list[int]] = {}
-    for edge in np.flatnonzero(creases):
-        for node in mesh.edges[edge]:
-            at.setdefault(int(node), []).append(int(edge))
+    numbers = np.flatnonzero(creases)
+    ends = mesh.edges[numbers].ravel()
+    degree = np.bincount(ends, minlength=mesh.node_count)
+    # the edges at each node, one node after the other
+    edges_at, first = numbers[stable_order(ends) // 2], offsets_of(degree)
     for tip in np.flatnonzero((degree == 1) & ~mesh.border):
-        node, path = int(tip), [at[int(tip)][0]]
+        node, path = int(tip), [edges_at[first[tip]]]
         while True:
             node = int(mesh.edges[path[-1]].sum()) - node
             if degree[node] != 2 or len(path) == SHORTEST_END:
                 break
-            path.append(next(edge for edge in at[node] if edge != path[-1]))
+            path.append(next(edge for edge in edges_at[first[node] : first[node + 1]] if edge != path[-1]))
         if degree[node] > 2 and len(path) < SHORTEST_END:
             kept[path] = False
     return kept

@@ -122,9 +122,10 @@ def measure(
     denoise: dict[str, Any] | None = None,
 ) -> Report:
     """Fill in the report of a finished surface; `counts` are added to what `Report.input` says of the mesh."""
+    each = surface.runner.each
     with watch.stage("measure"):
         measures = deviation.measures()
-        jump = seam(representation, surface.runner.each)
+        jump = seam(representation, each)
     return Report(
         version=VERSION,
         method=surface.settings.method,
@@ -146,7 +147,7 @@ def measure(
         peak_memory_mb=surface.runner.peak_memory_mb(),
         workers=surface.runner.workers,
         denoise=denoise,
-        creases=None if surface.settings.creases == "off" or cloud is not None else crease_report(representation),
+        creases=None if surface.settings.creases == "off" or cloud is not None else crease_report(representation, each),
         **(cloud_distances or {}),
     )
 

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, largest_of, length_of, offsets_of, rows_at, runs_of_rows
+from ..arrays import Array, Booleans, Indices, largest_of, length_of, offsets_of, rows_at, runs_of_rows, slices_of
 from ..mesh.sampling import SURFACE_SAMPLES, points_inside, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
-from ..processes.each import all_done
+from ..processes.each import Each, all_done
 from ..surface.representation import Representation
 from .patched_surface import Observing, PatchedSurface
 
@@ -54,7 +54,7 @@ def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshOb
     if oscillating.any():
         yield oscillating, surface.observations.with_dense(oscillating)
     allowed = np.maximum(OVERSHOOT * observed, NEGLIGIBLE * surface.mesh.longest_side)
-    uneven = UnevenTriangles.of(surface.representation())
+    uneven = UnevenTriangles.of(surface.representation(), surface.runner.each)
     if not uneven.patches.any():
         return
 
@@ -134,14 +134,17 @@ class UnevenTriangles:
         self.patches = np.add.reduceat(uneven, offsets[:-1]) > 0 if len(offsets) > 1 else np.zeros(0, dtype=bool)
 
     @classmethod
-    def of(cls, representation: Representation) -> UnevenTriangles:
+    def of(cls, representation: Representation, each: Each = map) -> UnevenTriangles:
         """Compare the triangles' longest sides in the initial domains: optimised ones are stretched along creases."""
         offsets, sides = representation.triangle_offsets, np.empty(len(representation.corners))
-        for first in range(0, len(sides), OBSERVED_AT_ONCE):
-            own = slice(first, first + OBSERVED_AT_ONCE)
-            one, two, three = (representation.initial_domains[:, corner] for corner in representation.corners[own].T)
+        table = representation.corners
+
+        def measure(own: slice) -> None:
+            one, two, three = (representation.initial_domains[:, corner] for corner in table[own].T)
             squares = [((a - b) ** 2) @ np.ones(2) for a, b in ((one, two), (two, three), (three, one))]
             sides[own] = np.sqrt(np.maximum.reduce(squares).max(axis=0))
+
+        all_done(each, measure, slices_of(len(sides), OBSERVED_AT_ONCE))
         median = _medians(sides, offsets)
         seen = largest_of(representation.corner_weights) > 0.0
         return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, offsets_of, sum_of
+from ..arrays import Array, Booleans, Indices, offsets_of, slices_of, sum_of
 from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
 from ..fitting.gathered import MeshTask, Remainder, Task, joined_values
 from ..fitting.methods.variable_projection import EARLY_MISFIT
@@ -22,6 +22,7 @@ from ..patches.observations import Observations, PatchObservations
 from ..patches.parameterisation import initial_domains
 from ..patches.patches import Patches, build_patches, overlay_patches
 from ..patches.splitting import with_domains
+from ..processes.each import all_done
 from ..progress import FINISH, Progress, Steps
 from ..settings import Settings
 from ..surface.assembly import assemble
@@ -173,9 +174,9 @@ class PatchedSurface(Generic[Observing]):
         bool
             Whether `FINISH` was sent.
         """
-        shown, done = self._shown(), 0
+        shown, done, good = self._shown(), 0, self._are_good_sides()
         for colour in colour_patches(self.patches):
-            swept = colour[~self._are_good_sides(colour)]
+            swept = colour[~good[colour]]
             done += len(colour) - len(swept)
             tasks = (self._sweep_task(chunk) for chunk in self._chunks(swept, CHUNKS_A_COLOUR) if len(chunk))
             for fitted in self._fitted(tasks, swept=True):
@@ -328,22 +329,24 @@ class PatchedSurface(Generic[Observing]):
         assert len(fits) in (0, len(patches))
         return fits
 
-    def _are_good_sides(self, patches: Indices) -> Booleans:
-        """Which patches lie at a crease and fit so well that nothing is left to be made consistent, (n,)."""
-        good = self.observations.ends_early[patches].copy()
+    def _are_good_sides(self) -> Booleans:
+        """Which patches lie at a crease and fit so well that nothing is left to be made consistent, (K,)."""
+        good, observed = self.observations.ends_early.copy(), self._observed
         early = np.flatnonzero(good)
-        for first in range(0, len(early), PATCHES_AT_ONCE):
-            own = early[first : first + PATCHES_AT_ONCE]
-            good[own] = self._misfits(patches[own]) < EARLY_MISFIT**2
+
+        def judge(part: slice) -> None:
+            good[early[part]] = self._misfits(early[part], observed) < EARLY_MISFIT**2
+
+        all_done(self.runner.each, judge, slices_of(len(early), PATCHES_AT_ONCE))
         return good
 
-    def _misfits(self, patches: Indices) -> Array:
+    def _misfits(self, patches: Indices, observed: Observed | None) -> Array:
         """Weighted mean square of the patches' distances from the data, in their frames, (n,)."""
         fits = self._fits_of(patches)
         scale = np.array([max(frame.scale for frame in fit.frames) for fit in fits])
         offsets = offsets_of(np.array([len(fit.values) for fit in fits], dtype=np.int64))[:-1]
-        if self._observed is not None:
-            given = self._observed.gather(patches, fitting=True)
+        if observed is not None:
+            given = observed.gather(patches, fitting=True)
             points, weights = given.values, given.weights
         else:
             each = [self.observations.of_patch(int(patch)) for patch in patches]

@@ -9,9 +9,9 @@ directions: a term gamma |b - h_k|^2 holds each of them near the data.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count, pairwise
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..arrays import Array, Indices
 from ..fitting.batch import Problem, WarmStart
@@ -22,22 +22,31 @@ from ..patches.patches import Patches
 CHUNKS_A_COLOUR = 4
 """A colour is cut into at least this many chunks, for as many workers; the next colour waits for all of them."""
 
+COLOURS_A_NUMBER, ALL_TAKEN = 64, 2**64 - 1
+"""Bits of a whole number, and the number with all of them."""
+
 ANTI_DRIFT = 0.1
 """gamma: weight that holds a patch near the data itself, beside the weight of what the others leave."""
 
 
 def colour_patches(patches: Patches) -> list[Indices]:
-    """Split the patches into sets in which no two share a node; first fit in the order of the patches."""
-    count = len(patches.centres)
-    shape = (count, int(patches.nodes.max(initial=-1)) + 1)
-    holds = sp.csr_matrix((np.ones(len(patches.nodes)), (patches.vertex_patch, patches.nodes)), shape=shape)
-    touching = (holds @ holds.T).tocsr()
-    colour = np.full(count, -1)
-    for k in range(count):
-        taken = colour[touching.indices[touching.indptr[k] : touching.indptr[k + 1]]]
-        free = np.ones(len(taken) + 1, dtype=bool)
-        free[taken[(taken >= 0) & (taken < len(free))]] = False
-        colour[k] = int(np.argmax(free))
+    """Split the patches into sets in which no two share a node; first fit in the order of the patches.
+
+    Each node keeps the colours of the patches that hold it as bits of whole numbers.
+    """
+    colour = np.zeros(len(patches.centres), dtype=np.int64)
+    used = [np.zeros(int(patches.nodes.max(initial=-1)) + 1, dtype=np.uint64)]
+    for k, (start, end) in enumerate(pairwise(patches.vertex_offsets.tolist())):
+        own = patches.nodes[start:end]
+        for number in count():
+            if number == len(used):
+                used.append(np.zeros_like(used[0]))
+            taken = int(np.bitwise_or.reduce(used[number][own]))
+            if taken < ALL_TAKEN:
+                break
+        bit = ((taken + 1) & ~taken).bit_length() - 1  # the lowest that is not set
+        used[number][own] |= np.uint64(1 << bit)
+        colour[k] = COLOURS_A_NUMBER * number + bit
     return [np.flatnonzero(colour == c) for c in range(colour.max(initial=-1) + 1)]
 
 

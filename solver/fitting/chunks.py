@@ -118,7 +118,7 @@ def chunk_patches(observations: Observations, which: Indices, problems_each: int
     most = min(CHUNK_PROBLEMS, max(TINY_CHUNK, -(-len(which) * problems_each // pieces)))
     size = observations.sizes[which]
     order = which[np.argsort(size, kind="stable")]
-    size = np.sort(size, kind="stable")
+    size = np.sort(size, kind="stable").tolist()
     chunks, start = [], 0
     for end in range(1, len(order) + 1):
         if end < len(order):

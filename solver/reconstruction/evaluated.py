@@ -7,7 +7,7 @@ import numpy as np
 from ..interchange import CloudArrays, CloudOutcome
 from ..progress import Steps, within
 from ..settings import MOST_AUTOMATIC_SPLITS, Settings
-from ..surface.metrics import domain_jacobians, domain_stretch, strongest_patch
+from ..surface.metrics import domain_changes, strongest_patch
 from ..surface.resampling import resample_steps
 from .cleaning import clean
 from .made_base import make_base_steps
@@ -43,7 +43,7 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
     representation = result.representation
     splits = arrays.splits or automatic_splits(len(points.points), len(representation.triangles))
     fine = yield from within(resample_steps(representation, splits), 0.97, 1.0)
-    stretch = domain_stretch(representation, domain_jacobians(representation)[0], len(representation.face_offsets) - 1)
+    stretch, _ = domain_changes(representation, len(representation.face_offsets) - 1)
     vertices = np.asarray(fine.vertices, dtype=np.float32)
     colours = arrays.colours
     if colours is not None:

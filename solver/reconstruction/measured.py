@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..mesh.closest_points import Footpoints
 from ..mesh.projection import project
 from ..settings import CloudSettings
-from ..surface.metrics import domain_jacobians, faces_turned, flipped_triangles
+from ..surface.metrics import domain_changes, faces_turned
 from ..surface.representation import Representation
 from .cleaning import CleanCloud
 from .correction import nearest_on_surface
@@ -43,7 +43,7 @@ def measured(
         size = float(np.ptp(points, axis=0).max())
         angle = _normal_error(representation, fitted.feet, geometry.normals)
         deviation = Deviation(fitted.parametric, fitted.distance, angle, size)
-        flipped = flipped_triangles(*domain_jacobians(representation))
+        _, flipped = domain_changes(representation, mesh.polygon_count, fitted.surface.runner.each)
         vertices = representation.at_vertices()
     report = measure(
         fitted.surface,

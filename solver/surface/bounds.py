@@ -85,6 +85,7 @@ def error_bounds(
     lower, upper
         Scene units.  The error reaches `lower` somewhere and exceeds `upper` nowhere.
     """
+    representation.prepare(each)
     error = _ErrorModel.of(representation, vertices)
     parts = _Parts.whole(np.arange(len(representation.triangles)))
     low, high = error.bounds(parts, ROUGH_LATTICE, each)
@@ -125,6 +126,7 @@ def exceeding(
     Parameters as of `error_bounds`; `tolerance` in scene units.
     """
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
+    representation.prepare(each)
     error = _ErrorModel.of(representation, vertices)
     outside = np.zeros(len(representation.triangles), dtype=bool)
     parts = _Parts.whole(asked)

@@ -30,9 +30,10 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ..arrays import Array, Indices, any_of
+from ..arrays import Array, Indices, any_of, slices_of
 from ..mesh.topology import fans_between_creases, mean_over_nodes
 from ..native.bounds import Correction
+from ..processes.each import Each
 
 ROUNDING = 1e-12
 """By how much a sum of weights may miss one."""
@@ -40,7 +41,7 @@ ROUNDING = 1e-12
 SLIDE = 0.1
 """Weight of distances within a side's tangent plane, relative to those from it."""
 
-CREASES_AT_ONCE = 4000
+CREASES_AT_ONCE = 2000
 """Edges of creases that are closed together: more would only take memory."""
 
 Evaluated = Callable[[Indices, Array], tuple[Array, Array]]
@@ -125,7 +126,7 @@ class Closing:
     places: Array
 
     @classmethod
-    def of(cls, fans: Fans, triangles: Indices, degree: int, surface: Evaluated) -> Closing:
+    def of(cls, fans: Fans, triangles: Indices, degree: int, surface: Evaluated, each: Each = map) -> Closing:
         """Compute the correction.
 
         Parameters
@@ -136,6 +137,8 @@ class Closing:
             Highest degree of the patches' functions.
         surface
             What is to be closed.
+        each
+            Closes parts of the creases, perhaps several at once.
         """
         away, vertices, places = _from_own_side(fans, triangles, surface)
         sides = fans.sides.ravel()
@@ -147,8 +150,8 @@ class Closing:
         row[rows] = np.arange(len(rows))
         edge = np.full((len(rows), 3), -1)
         edge[row[sides // 3], sides % 3] = np.arange(len(sides))
-        pieces = np.array_split(fans.sides, max(1, -(-len(fans.sides) // CREASES_AT_ONCE)))
-        along = np.concatenate([_along_sides(own, triangles, degree, surface) for own in pieces])
+        pieces = [fans.sides[own] for own in slices_of(len(fans.sides), CREASES_AT_ONCE)]
+        along = np.concatenate(list(each(lambda own: _along_sides(own, triangles, degree, surface), pieces)))
         return cls(row, away[fans.corners[rows]], edge, along, vertices, places)
 
     def at(self, face: Indices, inside: Array, tangents: bool) -> tuple[Indices, Array]:
@@ -204,8 +207,7 @@ class Closing:
 
     @cached_property
     def _slopes(self) -> Array:
-        slopes: Array = np.asarray(chebyshev.chebder(self.polynomials, axis=1), dtype=np.float64)
-        return slopes
+        return _derivatives(self.polynomials, 1)
 
     def between_corners(self, triangle: Indices, corners: Array) -> tuple[Array, Array]:
         """Correction at the corners of parts of triangles, (n, 3, 3), and how far it is from linear in between, (n,).
@@ -235,9 +237,15 @@ class Closing:
     @cached_property
     def _limits(self) -> tuple[Array, Array]:
         """Bounds of |B_e| and |B_e''| on [0, 1], (P,) each: Chebyshev polynomials are at most one."""
-        bends = 4.0 * chebyshev.chebder(self.polynomials, 2, axis=1)
+        bends = 4.0 * _derivatives(self.polynomials, 2)
         largest, bend = (np.abs(own).sum(axis=1) for own in (self.polynomials, bends))
         return np.sqrt((largest**2).sum(axis=1)), np.sqrt((bend**2).sum(axis=1))
+
+
+def _derivatives(polynomials: Array, times: int) -> Array:
+    """Chebyshev coefficients, (P, n - times, 3), of derivatives of polynomials, (P, n, 3), on [-1, 1]."""
+    to_slopes = chebyshev.chebder(np.eye(polynomials.shape[1]), times)
+    return np.matmul(to_slopes, polynomials)
 
 
 def _from_own_side(fans: Fans, triangles: Indices, surface: Evaluated) -> tuple[Array, Indices, Array]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Booleans, Indices, any_of, length_of, rows_at, runs_of_rows, sum_of
-from ..fitting.domain_energy import DomainEnergy, determinant
+from ..arrays import Array, Booleans, Indices, any_of, length_of, rows_at, runs_of_rows, slices_of, sum_of
+from ..fitting.domain_energy import determinant
 from ..mesh.edges import edge_keys, stable_order
 from ..mesh.normals import angle_between, area_vectors, face_normals
 from ..mesh.sampling import MEASURED_SAMPLES, points_inside
@@ -56,16 +56,14 @@ def surface_error(
         points = representation.evaluate(np.repeat(face, len(samples)), np.tile(samples, (len(face), 1)))
         distance[block] = length_of(points.reshape(flat.shape) - flat)
 
-    representation.prepare()
+    representation.prepare(each)
     all_done(each, measure, _blocks(len(asked), len(samples)))
     return distance
 
 
 def _blocks(count: int, points_each: int) -> Iterator[slice]:
     """Slices of `count` things with `points_each` points, so that memory stays bounded."""
-    step = max(1, POINTS_AT_ONCE // points_each)
-    for start in range(0, count, step):
-        yield slice(start, start + step)
+    return slices_of(count, max(1, POINTS_AT_ONCE // points_each))
 
 
 def seam(representation: Representation, each: Each = map) -> float:
@@ -78,7 +76,7 @@ def seam(representation: Representation, each: Each = map) -> float:
         points = representation.evaluate(faces.ravel(), corners.reshape(-1, 3)).reshape(*faces.shape, 3)
         return float(length_of(points[:, 0] - points[:, 1]).max())
 
-    representation.prepare()
+    representation.prepare(each)
     return max(each(jump, _blocks(len(pairs), 2 * len(EDGE_SAMPLES))), default=0.0)
 
 
@@ -180,52 +178,74 @@ def faces_turned(before: Array, after: Array, offsets: Indices, corners: Indices
     return int((sum_of(normals[0] * normals[1]) < 0.0).sum())
 
 
-def domain_jacobians(representation: Representation) -> tuple[Array, Array]:
-    """Jacobians of the domain transformations Phi_k, and the areas of the triangles they start from.
+def domain_changes(representation: Representation, faces: int, each: Each = map) -> tuple[Array, int]:
+    """What the domain transformations Phi_k do to the triangles.
+
+    Parameters
+    ----------
+    faces
+        Number of input faces, F.
+    each
+        Looks at some patches, perhaps several parts at once.
 
     Returns
     -------
-    jacobians
-        (2, 2, C, S) for C domains and S patch triangles.
-    area
-        Areas in the initial domains, (C, S).
+    stretch
+        Anisotropy on every input face, (F,): one where Phi_k is conformal, large along creases.  The ratio of the
+        Jacobian's singular values, averaged over the patches with their blending weights, then over the face's
+        triangles; one on faces that no patch covers.
+    flipped
+        Number of patch triangles whose orientation turned in some domain; those without area do not count.
     """
-    vertices, triangles = representation.vertex_offsets, representation.triangle_offsets
-    jacobians = np.empty((2, 2, len(representation.domains), triangles[-1]))
-    area = np.empty(jacobians.shape[2:])
-    for first, end in runs_of_rows(triangles, TRIANGLES_AT_ONCE):
-        own, faces = slice(vertices[first], vertices[end]), slice(triangles[first], triangles[end])
-        corners = representation.corners[faces] - vertices[first]
-        for c, (start, domain) in enumerate(zip(representation.initial_domains, representation.domains, strict=True)):
-            energy = DomainEnergy.of(start[own].T, corners)
-            jacobians[:, :, c, faces], area[c, faces] = energy.jacobian(domain[own].T), energy.area
-    return jacobians, area
+    table, offsets = representation.corners, representation.triangle_offsets
 
+    def look(run: tuple[int, int]) -> tuple[Indices, Array, Array, int]:
+        """Mesh triangles of some patches, (n,), their weights, these times the ratios, and how many are flipped."""
+        rows = slice(*offsets[list(run)])
+        corners = table[rows]
+        ratio, flipped = np.zeros(len(corners)), 0
+        for start, domain in zip(representation.initial_domains, representation.domains, strict=True):
+            jacobian, known = _jacobians(start, domain, corners)
+            ratio += _anisotropy(jacobian)
+            flipped += int(((determinant(jacobian) < 0.0) & known).sum())
+        weight = sum_of(rows_at(representation.weights, corners)) / 3.0
+        return representation.mesh_triangles[rows], weight, weight * (ratio / len(representation.domains)), flipped
 
-def flipped_triangles(jacobians: Array, area: Array) -> int:
-    """Number of patch triangles whose orientation turned in some domain; those without area do not count."""
-    return int(((determinant(jacobians) < 0.0) & (area > 0.0)).sum())
-
-
-def domain_stretch(representation: Representation, jacobians: Array, faces: int) -> Array:
-    """Anisotropy of the domain transformation on every input face, (F,): one where it is conformal, large along
-    creases.
-
-    The ratio of the Jacobian's singular values, averaged over the patches with their blending weights, then over the
-    face's triangles; one on faces that no patch covers.
-    """
-    turn = np.hypot(jacobians[0, 0] + jacobians[1, 1], jacobians[1, 0] - jacobians[0, 1])
-    skew = np.hypot(jacobians[0, 0] - jacobians[1, 1], jacobians[1, 0] + jacobians[0, 1])
-    smaller = np.maximum(np.abs(turn - skew), 1e-6 * (turn + skew))
-    ratio = np.divide(turn + skew, smaller, out=np.ones_like(turn), where=smaller > 0.0).mean(axis=0)
-    weight = sum_of(representation.weights[representation.corners]) / 3.0
-    count = len(representation.triangles)
-    total = np.bincount(representation.mesh_triangles, weights=weight, minlength=count)
-    summed = np.bincount(representation.mesh_triangles, weights=weight * ratio, minlength=count)
+    count, flips = len(representation.triangles), 0
+    total, summed = np.zeros(count), np.zeros(count)
+    for triangle, weight, weighted, flipped in each(look, runs_of_rows(offsets, TRIANGLES_AT_ONCE)):
+        np.add.at(total, triangle, weight)
+        np.add.at(summed, triangle, weighted)
+        flips += flipped
     by_triangle = np.divide(summed, total, out=np.ones(count), where=total > 0.0)
     triangles = np.maximum(np.bincount(representation.polygon, minlength=faces), 1)
     by_face = np.bincount(representation.polygon, weights=by_triangle, minlength=faces) / triangles
-    return np.maximum(by_face, 1.0)
+    return np.maximum(by_face, 1.0), flips
+
+
+def _jacobians(start: Array, domain: Array, corners: Indices) -> tuple[Array, Booleans]:
+    """Jacobians of the maps that take triangles from one domain to another, (2, 2, S), and which had an area, (S,)."""
+    (one, other), (moved, moved_other) = (_edges_from_first(own, corners) for own in (start, domain))
+    doubled = one[0] * other[1] - one[1] * other[0]
+    known = doubled != 0.0
+    inverse = np.divide(1.0, doubled, out=np.zeros_like(doubled), where=known)
+    along_u = (moved * other[1] - moved_other * one[1]) * inverse
+    along_v = (moved_other * one[0] - moved * other[0]) * inverse
+    return np.stack([along_u, along_v], axis=1), known
+
+
+def _edges_from_first(domain: Array, corners: Indices) -> tuple[Array, Array]:
+    """Edges of triangles from their first corner to the two others, (2, S) each."""
+    a, b, c = (np.ascontiguousarray(rows_at(domain, corner).T) for corner in corners.T)
+    return b - a, c - a
+
+
+def _anisotropy(jacobian: Array) -> Array:
+    """Ratio of the singular values of matrices (2, 2, S); one where a matrix is zero."""
+    turn = np.hypot(jacobian[0, 0] + jacobian[1, 1], jacobian[1, 0] - jacobian[0, 1])
+    skew = np.hypot(jacobian[0, 0] - jacobian[1, 1], jacobian[1, 0] + jacobian[0, 1])
+    smaller = np.maximum(np.abs(turn - skew), 1e-6 * (turn + skew))
+    return np.divide(turn + skew, smaller, out=np.ones_like(turn), where=smaller > 0.0)
 
 
 def strongest_patch(representation: Representation) -> NDArray[np.int32]:

@@ -17,6 +17,7 @@ from ..mesh.edges import stable_order
 from ..mesh.normals import unit
 from ..native import surface as native
 from ..native.library import reason_against
+from ..processes.each import Each
 from .closing import ROUNDING, Closing, Fans
 from .flat import checked_places, flat_part
 from .saved import Saved
@@ -105,10 +106,12 @@ class Representation(Saved):
         found = vars(other)
         vars(self).update((name, found[name]) for name in COVER_ALONE if name in found)
 
-    def prepare(self) -> None:
-        """Compute what is kept for evaluating, before several threads ask for it."""
+    def prepare(self, each: Each = map) -> None:
+        """Compute what is kept for evaluating, before several threads ask for it; `each` computes parts of it."""
         _ = self.dictionary, self.input_weights, self.native_functions, self.native_blend, self.holders
         if len(self.creases):
+            if "closing" not in vars(self):
+                vars(self)["closing"] = self._closed(each)
             self.closing.prepare()
 
     @cached_property
@@ -124,12 +127,14 @@ class Representation(Saved):
     @cached_property
     def closing(self) -> Closing:
         """What closes the surface along its creases."""
+        return self._closed(map)
 
+    def _closed(self, each: Each) -> Closing:
         def surface(face_index: Indices, barycentric: Array) -> tuple[Array, Array]:
             open_ = self._evaluate(face_index, barycentric, tangents=True, closed=False)
             return open_[:, 0], unit(np.asarray(np.cross(open_[:, 1], open_[:, 2]), dtype=np.float64))
 
-        return Closing.of(self.fans, self.triangles, self.degree, surface)
+        return Closing.of(self.fans, self.triangles, self.degree, surface, each)
 
     @cached_property
     def corners(self) -> Indices:
