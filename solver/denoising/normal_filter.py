@@ -7,13 +7,15 @@ round off the creases between large ones.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..arrays import Array
+from ..arrays import Array, runs_of_rows
 from ..mesh.normals import normals_and_areas, unit
 from .surface import Surface
 
@@ -22,6 +24,7 @@ _WIDTH = 1.2  # of the deviation that the noise gives the difference of two norm
 _NARROWER = 0.85  # each iteration leaves less noise in the normals
 _WIDEST = 0.9
 _NARROWEST = 0.1
+_PAIRS = 1 << 18  # of triangles that are worked on together
 
 
 def filter_normals(surface: Surface, vertices: Array, noise_level: float) -> Array:
@@ -36,18 +39,55 @@ def filter_normals(surface: Surface, vertices: Array, noise_level: float) -> Arr
     """
     normals, areas = normals_and_areas(vertices, surface.triangles)
     weight = np.sqrt(areas / max(float(areas.mean()), 1e-300))
-    around = surface.around
-    one = np.repeat(np.arange(len(normals)), np.diff(around.indptr))
-    two = around.indices
-    nearness = _nearness(vertices, surface, one, two) * weight[two]
-    width = _WIDTH * _normal_deviation(surface, vertices, areas, noise_level)
-    width = np.clip(np.sqrt(width[one] ** 2 + width[two] ** 2), _NARROWEST, _WIDEST)
+    width = (_WIDTH * _normal_deviation(surface, vertices, areas, noise_level)) ** 2
+    blocks = list(_blocks(surface.around))
+    nearness = _nearness(vertices, surface, blocks)
+    for block, near in zip(blocks, nearness, strict=True):
+        near *= weight[block.two]
     for iteration in range(_ITERATIONS):
-        difference = ((normals[one] - normals[two]) ** 2).sum(axis=1)
-        likeness = np.exp(-difference / (2 * (width * _NARROWER**iteration) ** 2))
-        weights = csr_array((nearness * likeness, two, around.indptr), shape=around.shape)
-        normals = unit(normals * weight[:, None] + weights @ normals)
+        filtered = normals * weight[:, None]
+        for block, near in zip(blocks, nearness, strict=True):
+            one = block.one
+            wide = np.clip(np.sqrt(width[one] + width[block.two]), _NARROWEST, _WIDEST) * _NARROWER**iteration
+            difference = ((normals[one] - normals[block.two]) ** 2).sum(axis=1)
+            weights = near * np.exp(-difference / (2 * wide**2))
+            filtered[block.rows] += block.matrix(weights, len(normals)) @ normals
+        normals = unit(filtered)
     return normals
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Pairs of a run of triangles with those around them: what is computed for each pair would fill the memory.
+
+    Attributes
+    ----------
+    rows
+        The run.
+    offsets
+        Where the pairs of each triangle of the run start and end, (n + 1,).
+    two
+        Second triangle of each pair.
+    """
+
+    rows: slice
+    offsets: NDArray[np.integer[Any]]
+    two: NDArray[np.integer[Any]]
+
+    @property
+    def one(self) -> NDArray[np.integer[Any]]:
+        """First triangle of each pair."""
+        return np.repeat(np.arange(self.rows.start, self.rows.stop, dtype=self.two.dtype), np.diff(self.offsets))
+
+    def matrix(self, weights: Array, columns: int) -> csr_array:
+        """Return the weights of the pairs as a matrix, a row a triangle of the run."""
+        return csr_array((weights, self.two, self.offsets), shape=(len(self.offsets) - 1, columns))
+
+
+def _blocks(around: csr_array) -> Iterator[_Block]:
+    for start, end in runs_of_rows(around.indptr, _PAIRS):
+        offsets = around.indptr[start : end + 1]
+        yield _Block(slice(start, end), offsets - offsets[0], around.indices[offsets[0] : offsets[-1]])
 
 
 def smooth_normals(surface: Surface, vertices: Array, rounds: int = 2) -> Array:
@@ -60,12 +100,19 @@ def smooth_normals(surface: Surface, vertices: Array, rounds: int = 2) -> Array:
     return normals
 
 
-def _nearness(vertices: Array, surface: Surface, one: NDArray[np.integer[Any]], two: NDArray[np.integer[Any]]) -> Array:
-    """Gaussian of the distance of two triangles' centroids, its width the mean distance around each."""
+def _nearness(vertices: Array, surface: Surface, blocks: Sequence[_Block]) -> list[Array]:
+    """Gaussian of the distance of two triangles' centroids, its width the mean distance around each; for each block."""
     centroids = vertices[surface.triangles].mean(axis=1)
-    distance = np.linalg.norm(centroids[one] - centroids[two], axis=1)
-    mean = np.bincount(one, distance, len(centroids)) / np.maximum(np.diff(surface.around.indptr), 1)
-    return np.exp(-(distance**2) / np.maximum(2 * mean[one] * mean[two], 1e-300))
+    mean = np.zeros(len(centroids))
+    nearness = []
+    for block in blocks:
+        one, sizes = block.one, np.diff(block.offsets)
+        distance = np.linalg.norm(centroids[one] - centroids[block.two], axis=1)
+        mean[block.rows] = np.bincount(one - block.rows.start, distance, len(sizes)) / np.maximum(sizes, 1)
+        nearness.append(distance)
+    for block, distance in zip(blocks, nearness, strict=True):
+        distance[:] = np.exp(-(distance**2) / np.maximum(2 * mean[block.one] * mean[block.two], 1e-300))
+    return nearness
 
 
 def _normal_deviation(surface: Surface, vertices: Array, areas: Array, noise_level: float) -> Array:

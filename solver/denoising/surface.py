@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Booleans, Indices
@@ -54,15 +56,27 @@ def build_surface(mesh: TriangleMesh, cut: TriangleMesh | None = None) -> Surfac
 
 def _around(mesh: TriangleMesh, neighbours: Indices) -> csr_array:
     count = len(neighbours)
-    crowded = np.diff(mesh.fan_offsets) > _CROWD
+    sizes = np.diff(mesh.fan_offsets)
+    crowded = sizes > _CROWD
+    pairs = int((sizes[~crowded] ** 2).sum()) + 3 * count
+    number = np.int32 if max(pairs, mesh.node_count) < 1 << 31 else np.int64  # most of the memory are numbers
     corners = np.flatnonzero(~np.repeat(mesh.collapsed, 3) & ~crowded[mesh.nodes.ravel()])
-    ones = np.ones(len(corners), dtype=np.int8)
-    shape = (mesh.node_count, count)
-    at_node = coo_array((ones, (mesh.nodes.ravel()[corners], corners // 3)), shape=shape).tocsr()
+    at_node = _pattern(
+        mesh.nodes.ravel()[corners].astype(number), (corners // 3).astype(number), mesh.node_count, count
+    )
+    del corners
     triangle, side = np.nonzero(neighbours >= 0)
-    ones = np.ones(len(triangle), dtype=np.int8)
-    across = coo_array((ones, (triangle, neighbours[triangle, side])), shape=(count, count)).tocsr()
-    around = coo_array(at_node.T @ at_node + across)
-    apart = around.row != around.col
-    ones = np.ones(int(apart.sum()), dtype=np.int8)
-    return coo_array((ones, (around.row[apart], around.col[apart])), shape=(count, count)).tocsr()
+    across = _pattern(triangle.astype(number), neighbours[triangle, side].astype(number), count, count)
+    del triangle, side
+    around = csr_array(csr_array(at_node.T) @ at_node) + across
+    del at_node, across
+    around.sort_indices()
+    apart = around.indices != np.repeat(np.arange(count, dtype=number), np.diff(around.indptr))
+    offsets = np.concatenate((np.zeros(1, number), np.cumsum(apart, dtype=number)))[around.indptr]
+    columns = around.indices[apart]
+    return csr_array((np.ones(len(columns), dtype=np.int8), columns, offsets), shape=(count, count))
+
+
+def _pattern(rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]], height: int, width: int) -> csr_array:
+    ones = np.ones(len(rows), dtype=np.int8)
+    return csr_array(coo_array((ones, (rows, columns)), shape=(height, width)))
