@@ -21,6 +21,7 @@ from ..patches.cover import build_cover
 from ..patches.observations import MeshObservations
 from ..patches.patches import Patches, build_patches
 from ..patches.splitting import with_domains
+from ..processes.memory import give_back
 from ..progress import Steps
 from ..settings import Settings
 from ..surface.creases import CREASE_DEGREES, CREASE_STRETCH, edge_stretch, turn_at_edges
@@ -55,22 +56,32 @@ def cut_along_creases(
 
     Also says whether `FINISH` was sent; then it stays as it is, too.
     """
+    creases, hurry = yield from _shown_creases(mesh, observe, settings, runner)
+    give_back()  # what was fitted is forgotten
+    return mesh if hurry or not creases.any() else cut_along(mesh, creases), hurry
+
+
+def _shown_creases(
+    mesh: TriangleMesh, observe: Observe, settings: Settings, runner: ChunkRunner
+) -> Steps[tuple[Booleans, bool]]:
+    """The edges along which to cut, (E,), and whether `FINISH` was sent; then there are none."""
     potential = potential_creases(mesh)
-    wanted = _nodes_beside(mesh, potential.edges) & ~mesh.passed_through[mesh.node_vertex]
+    wanted, none = _nodes_beside(mesh, potential.edges), np.zeros(len(mesh.edges), dtype=bool)
+    wanted &= ~mesh.passed_through[mesh.node_vertex]
     if not wanted.any():
-        return mesh, False
+        return none, False
     patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted)
     look = replace(settings, iterations=min(LOOK, settings.iterations), keep_iterations=False)
     surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings, runner.each), observe, look, runner)
     if (yield from surface.fit()):
-        return mesh, True
+        return none, True
+    surface.forget_observations()
     representation = surface.representation()
     turn = turn_at_edges(representation, mesh, potential.edges, runner.each)
     seeds = potential.edges & (turn >= SEED_DEGREES)
     seeds &= edge_stretch(representation, mesh, seeds, runner.each) >= CREASE_STRETCH
     strong, steep = seeds & (turn >= CREASE_DEGREES), potential.edges & potential.steep
-    creases = _completed(mesh, potential.dihedral, _confirmed(potential, seeds | steep, strong | steep))
-    return (cut_along(mesh, creases) if creases.any() else mesh), False
+    return _completed(mesh, potential.dihedral, _confirmed(potential, seeds | steep, strong | steep)), False
 
 
 def _nodes_beside(mesh: TriangleMesh, edges: Booleans) -> Booleans:

@@ -147,7 +147,7 @@ class UnevenTriangles:
         all_done(each, measure, slices_of(len(sides), OBSERVED_AT_ONCE))
         median = _medians(sides, offsets)
         seen = largest_of(representation.corner_weights) > 0.0
-        return cls(seen & (sides > UNEVEN * median[representation.patch_of_triangle]), representation)
+        return cls(seen & (sides > UNEVEN * np.repeat(median, np.diff(offsets))), representation)
 
     def largest_error(self, surface: MeshSurface, patch: int) -> float:
         """Largest error of a patch on its uneven triangles, scene units."""
@@ -176,7 +176,9 @@ def errors_between(surface: MeshSurface) -> Array:
     starts = representation.triangle_offsets[:-1]
     functions, triangles = representation.native_functions, representation.triangles
     if functions is not None:
-        where = representation.native_blend._replace(weights=representation.weights[representation.corners])
+        where = representation.native_blend
+        if representation.blending == "uniform":
+            where = where._replace(weights=representation.weights[representation.corners])
         errors = np.empty(len(where.corners))
 
         def measure(run: tuple[int, int]) -> None:

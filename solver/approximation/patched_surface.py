@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..patches.parameterisation import initial_domains
 from ..patches.patches import Patches, build_patches, overlay_patches
 from ..patches.splitting import with_domains
 from ..processes.each import all_done
+from ..processes.memory import give_back
 from ..progress import FINISH, Progress, Steps
 from ..settings import Settings
 from ..surface.assembly import assemble
@@ -84,9 +85,9 @@ class PatchedSurface(Generic[Observing]):
         self._native: tuple[Observing, Observed | None] | None = None
         self._blended: Array | None = None
         self._order: Indices | None = None
-        # the representation, where it is up to date, and the last one of these patches
+        # the representation, where it is up to date, and what earlier ones of these patches have computed of the cover
         self._assembled: Representation | None = None
-        self._earlier: Representation | None = None
+        self._cover: dict[str, Any] = {}
 
     @classmethod
     def covering(
@@ -223,7 +224,8 @@ class PatchedSurface(Generic[Observing]):
     def restore(self, fits: list[PatchFit], observations: Observing) -> None:
         """Take earlier fits of all patches, and the observations that they were fitted to."""
         self.observations = observations
-        self._fits, self._assembled = list(fits), None
+        self._fits = list(fits)
+        self._outdate()
 
     def values_at(self, patch: int, observations: PatchObservations) -> Array:
         """A fitted patch's own surface at observations of its triangles, (N, 3), scene units."""
@@ -235,10 +237,13 @@ class PatchedSurface(Generic[Observing]):
         """Return what evaluates the surface in its present state; every patch must be fitted."""
         if self._assembled is None:
             self._assembled = assemble(self.mesh, self.patches, self.blending, self.fits, self.settings)
-            if self._earlier is not None:
-                self._assembled.share_cover_of(self._earlier)
-            self._earlier = self._assembled
+            self._assembled.take_cover(self._cover)
         return self._assembled
+
+    def _outdate(self) -> None:
+        """Forget the representation, but not what it has computed of the cover."""
+        if self._assembled is not None:
+            self._cover, self._assembled = self._assembled.computed_cover(), None
 
     def forget_observations(self) -> None:
         """Free what only fitting needs: bounding and measuring take memory, too."""
@@ -252,6 +257,7 @@ class PatchedSurface(Generic[Observing]):
 
     def _forget_data(self) -> None:
         self._observations = self._native = self._blended = self._order = self.preview = None
+        give_back()
 
     @property
     def blended(self) -> Array:
@@ -317,10 +323,10 @@ class PatchedSurface(Generic[Observing]):
             before = self._fits_of(task.patches)
             if self._blended is not None:
                 self._exchange(task.patches, before or None, fits)
-            taken = fits if not before or not swept else map(_with_iterations_of, fits, before)
+            taken = fits if not before or not swept else map(PatchFit.with_iterations_of, fits, before)
             for patch, fit in zip(map(int, task.patches), taken, strict=True):
                 self._fits[patch] = fit
-            self._assembled = None
+            self._outdate()
             yield len(fits)
 
     def _fits_of(self, patches: Indices) -> list[PatchFit]:
@@ -376,23 +382,17 @@ class PatchedSurface(Generic[Observing]):
         """Take other patches over the same mesh."""
         self.patches, self.domains, self._fits = patches, domains, list(fits)
         self.blending = blending_weights(self.mesh, patches, self.settings.blending) if blending is None else blending
-        self._observations = self._blended = self._assembled = self._earlier = None
-        self._native = self._order = None
+        self._observations = self._blended = self._assembled = self._native = self._order = None
+        self._cover = {}
 
     def _shown(self) -> Callable[[], Array] | None:
-        if self.preview is None:
+        if (preview := self.preview) is None:
             return None
-        preview = self.preview
         return lambda: preview.surface(self.blended, [fit is not None for fit in self._fits])
 
 
 OscillationTest = Callable[[PatchedSurface[Observing]], Iterator[tuple[Booleans, Observing]]]
 """Finds the patches that oscillate between their observations, and what to fit them to (see `refit_oscillating`)."""
-
-
-def _with_iterations_of(fit: PatchFit, before: PatchFit) -> PatchFit:
-    """A sweep minimises eq. 6, so the history stays that of the patch by itself (eq. 3)."""
-    return replace(fit, energy=before.energy, squared_error=before.squared_error, history=before.history)
 
 
 def cover(mesh: TriangleMesh, ring: int) -> Patches:

@@ -89,6 +89,11 @@ class PatchFit:
         kept = self.frames, self.initial_domain, self.domain, self.support, self.coefficients
         return PatchFit(*kept, NO_VALUES, self.energy, self.squared_error, self.history)
 
+    def with_iterations_of(self, before: PatchFit) -> PatchFit:
+        """The same fit with another one's history: a sweep minimises eq. 6, and eq. 3 is what is shown."""
+        kept = self.frames, self.initial_domain, self.domain, self.support, self.coefficients, self.values
+        return PatchFit(*kept, before.energy, before.squared_error, before.history)
+
 
 def chunk_task(observations: Observations, domains: Array, settings: Settings, chunk: Indices) -> ChunkTask:
     """Gather the task of fitting the patches `chunk`.

@@ -63,8 +63,8 @@ class Holders(NamedTuple):
     """
 
     starts: Indices
-    held: Indices
-    patch: Indices
+    held: NDArray[np.integer[Any]]
+    patch: NDArray[np.integer[Any]]
 
 
 class _Functions(Structure):
@@ -102,6 +102,9 @@ class Memory:
     def whole(self, array: NDArray[Any]) -> int:
         return self._kept(np.ascontiguousarray(array, dtype=np.int64))
 
+    def short(self, array: NDArray[Any]) -> int:
+        return self._kept(np.ascontiguousarray(array, dtype=np.int32))
+
     def real(self, array: NDArray[Any]) -> int:
         return self._kept(np.ascontiguousarray(array, dtype=np.float64))
 
@@ -129,7 +132,7 @@ class Memory:
         )
 
     def holders(self, own: Holders) -> _Holders:
-        return _Holders(*(self.whole(numbers) for numbers in own))
+        return _Holders(self.whole(own.starts), self.short(own.held), self.short(own.patch))
 
     def _kept(self, array: NDArray[Any]) -> int:
         self._arrays.append(array)

@@ -6,8 +6,8 @@
 /* The patch triangles with weight over each mesh triangle.  solver/native/surface.py has the same fields. */
 typedef struct {
     const int64_t *starts; /* (T + 1) */
-    const int64_t *held;   /* (H): patch triangles, ascending over each mesh triangle */
-    const int64_t *patch;  /* (H): their patches */
+    const int32_t *held;   /* (H): patch triangles, ascending over each mesh triangle */
+    const int32_t *patch;  /* (H): their patches */
 } Holders;
 
 /* The pairs of patch k stand from starts[k] to starts[k + 1], in the order of the things. */

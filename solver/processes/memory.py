@@ -23,6 +23,14 @@ def peak_memory_mb() -> float:
     return float(peak) * (1.0 if sys.platform == "darwin" else 1024.0) / 1e6
 
 
+def give_back() -> None:
+    """Return freed memory to the system where the C library keeps it: glibc does between arrays that are still used."""
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(ctypes.c_size_t(0))
+
+
 def _windows_peak_bytes() -> int:
     class Counters(ctypes.Structure):
         _fields_ = [("size", ctypes.c_uint32), ("faults", ctypes.c_uint32)] + [

@@ -193,7 +193,7 @@ class _ErrorModel:
         centre = representation.vertices.mean(axis=0) if len(representation.vertices) else np.zeros(3)
         own = representation.vertices - centre
         moved = replace(representation, vertices=own, origins=representation.origins - centre)
-        moved.share_cover_of(representation)
+        moved.take_cover(representation.computed_cover())
         closing = representation.closing if len(representation.creases) else None
         return cls(moved, own if vertices is None else vertices - centre, closing)
 
@@ -218,7 +218,7 @@ class _ErrorModel:
         """Compute what all blocks share, before several begin at once."""
         surface = self.surface
         _ = surface.native_functions, surface.native_blend, surface.input_weights, surface.holders
-        _ = self._derivative_bounds, surface.dictionary, surface.patch_of_triangle
+        _ = self._derivative_bounds, surface.dictionary
         if self.closing is not None:
             self.closing.prepare()
 

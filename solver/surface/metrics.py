@@ -141,7 +141,8 @@ def _cover_fingerprint(representation: Representation) -> Indices:
     """A number for each triangle that is equal where the same patches cover it."""
     numbers = np.random.default_rng(0).integers(1, 2**62, size=representation.patches, dtype=np.int64)
     fingerprint = np.zeros(len(representation.triangles), dtype=np.int64)
-    np.bitwise_xor.at(fingerprint, representation.mesh_triangles, numbers[representation.patch_of_triangle])
+    of_triangles = np.repeat(numbers, np.diff(representation.triangle_offsets))
+    np.bitwise_xor.at(fingerprint, representation.mesh_triangles, of_triangles)
     return fingerprint
 
 

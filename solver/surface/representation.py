@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,10 +102,13 @@ class Representation(Saved):
         """Number of patches, K."""
         return len(self.origins)
 
-    def share_cover_of(self, other: Representation) -> None:
-        """Take from a representation over the same cover, with the same weights, what it has computed of that."""
-        found = vars(other)
-        vars(self).update((name, found[name]) for name in COVER_ALONE if name in found)
+    def computed_cover(self) -> dict[str, Any]:
+        """What has been computed of the cover, for `take_cover` of one over the same patches with the same weights."""
+        return {name: own for name, own in vars(self).items() if name in COVER_ALONE}
+
+    def take_cover(self, computed: dict[str, Any]) -> None:
+        """Take what another representation has computed of the same cover."""
+        vars(self).update(computed)
 
     def prepare(self, each: Each = map) -> None:
         """Compute what is kept for evaluating, before several threads ask for it; `each` computes parts of it."""
@@ -171,8 +175,8 @@ class Representation(Saved):
         shape = self.patches, len(self.triangles)
         by_patch = csr_array((weighty, self.mesh_triangles[weighty], offsets), shape=shape)
         by_triangle = by_patch.tocsc()  # sorts by counting
-        numbers = (by_triangle.indptr, by_triangle.data, by_triangle.indices)
-        return native.Holders(*(own.astype(np.int64, copy=False) for own in numbers))
+        held, patch = (own.astype(np.int32, copy=False) for own in (by_triangle.data, by_triangle.indices))
+        return native.Holders(by_triangle.indptr.astype(np.int64), held, patch)
 
     @cached_property
     def _corner_table(self) -> tuple[Array, Array]:
