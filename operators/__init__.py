@@ -38,6 +38,7 @@ OPERATORS = (
     "subdivide",
     "use_as_source",
     "use_heat_map_material",
+    "whats_new",
 )
 """The modules of the operators; each holds the class `SPARSE_SURFACE_OT_<module>`."""
 

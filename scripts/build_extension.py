@@ -31,7 +31,7 @@ from extension_wheels import CHECKOUT, PLATFORMS, WheelError, fetch, fetch_platf
 MANIFEST = "blender_manifest.toml"
 WITHOUT_WHEELS = "nowheels"
 FOLDERS = ("command_line", "operators", "presets", "solver", "ui")
-FILES = ("LICENSE", "py.typed")
+FILES = ("CHANGELOG.md", "LICENSE", "py.typed")
 KERNEL = Path("solver", "native", "built")  # the compiled kernel, another one on each platform; all without wheels
 GENERATIONS = {"cp311": ("4.2.0", "5.1.0"), "cp313": ("5.1.0", None)}
 """The first Blender with each Python, and the first that has another one again."""

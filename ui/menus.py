@@ -83,6 +83,7 @@ def draw_help(layout: UILayout) -> None:
     """Show where to read on, and where bugs are reported; the pages only where the manifest names a website."""
     if website():
         layout.operator("wm.url_open", text="Sparse Surface Manual", icon="URL").url = website()
+    layout.operator("sparse_surface.whats_new", text="What's New in Sparse Surface", icon="INFO")
     text = "Report a Bug in Sparse Surface" if bug_page() else "Copy Versions for a Bug Report"
     layout.operator("sparse_surface.report_bug", text=text, icon="URL" if bug_page() else "COPYDOWN")
 

@@ -13,6 +13,7 @@ from ..operators.data.presets import matching_preset, preset_title
 from ..operators.heat_map.readings import readings
 from ..operators.heat_map.shown import shows_heat_map
 from ..operators.run import preloading
+from ..operators.run.about import was_updated
 from ..operators.run.control import Run
 from ..operators.run.estimate import (
     LARGE_MESH,
@@ -27,6 +28,7 @@ from ..operators.run.poll import MESHES_TO_SOLVE, packages, reason_against
 from ..operators.run.session import session
 from ..operators.run.status import duration_text, in_words, remaining_text
 from ..operators.run.way_on import draw_way_on
+from ..solver.version import VERSION
 from .jobs import ITEMS
 from .optional import draw_optional
 from .sidebar import SidebarPanel, draw_lines, draw_weights, settle_if_changed
@@ -45,6 +47,9 @@ class SPARSE_SURFACE_PT_main(SidebarPanel, Panel):
             draw_lines(self.layout, missing, "ERROR")
         elif session.notice:
             draw_lines(self.layout, session.notice, "INFO")
+        elif was_updated(context):
+            text = iface_("New in {}").format(VERSION)
+            self.layout.operator("sparse_surface.whats_new", text=text, icon="INFO", translate=False)
         settings = context.scene.sparse_surface
         settle_if_changed(context, settings.job)
         jobs = self.layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)

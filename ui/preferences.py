@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import EnumProperty, IntProperty
+from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy.types import AddonPreferences, Context, Scene
 
 from ..operators.data.presets import preset_names, preset_title
+from ..operators.run.about import note_version
 from ..operators.run.preferences import ADD_ON, preferences
 from ..operators.run.requirements import missing_packages, package_versions
 from .inspect_properties import preset_number
@@ -44,6 +45,11 @@ class SparseSurfacePreferences(AddonPreferences):
         update=_take_preset,
     )
 
+    seen_version: StringProperty(
+        description="The version whose news the user knows: the panel points to those of another one",
+        options={"HIDDEN"},
+    )
+
     def draw(self, context: Context) -> None:
         column = self.layout.column()
         column.use_property_split = True
@@ -62,6 +68,7 @@ class SparseSurfacePreferences(AddonPreferences):
             column.label(text=reason, icon="INFO")
         elif not missing_packages():
             column.label(text="Everything was found, also the compiled kernel", icon="CHECKMARK")
+        column.operator("sparse_surface.whats_new", icon="INFO")
         if missing_packages():
             column.label(text="Install the add-on's zip for your platform: it includes what is missing", icon="ERROR")
 
@@ -85,6 +92,9 @@ def is_untouched(scene: Scene) -> bool:
 def register() -> None:
     """Register the preferences, and apply the default preset to every file that is loaded."""
     bpy.utils.register_class(SparseSurfacePreferences)
+    own = preferences(bpy.context)
+    if own is not None and not own.seen_version:  # installed for the first time: all of it is new
+        note_version(bpy.context)
     bpy.app.handlers.load_post.append(apply_default_preset)
 
 

@@ -31,6 +31,7 @@ def test_installed_files_are_those_of_the_package(extension):
     assert {
         "__init__.py",
         "__main__.py",
+        "CHANGELOG.md",
         "LICENSE",
         "blender_manifest.toml",
         "command_line",

@@ -159,7 +159,7 @@ def test_help_leads_to_the_website_of_the_manifest(monkeypatch: pytest.MonkeyPat
         assert about.website() == "https://example.org/sparse"
         assert about.bug_page() == "https://example.org/sparse/issues"
         shown = [name for name, _ in drawn(menus.SPARSE_SURFACE_MT_help.draw).operators]
-        assert shown == ["wm.url_open", "sparse_surface.report_bug"]
+        assert shown == ["wm.url_open", "sparse_surface.whats_new", "sparse_surface.report_bug"]
     finally:
         monkeypatch.undo()
         about.website.cache_clear()

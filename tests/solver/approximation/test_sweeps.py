@@ -71,6 +71,28 @@ def test_problems_of_a_sweep_minimise_equation_6(surface, keep_balance, gamma):
     assert problem.weights.sum() == pytest.approx(expected)
 
 
+def test_each_coordinate_with_a_domain_of_its_own_gets_its_own_target():
+    mesh, settings = build_mesh(*cube(4)), Settings(iterations=1, ring=3, domains="separate").resolved()
+
+    def observe(patches, blending):
+        return MeshObservations(mesh, patches, blending, "partition")
+
+    made = PatchedSurface.covering(mesh, observe, settings, ChunkRunner())
+    run_to_end(made.fit())
+    own = made.observations.of_patch(1)
+    data = made.observations.points[own.number]
+    left = own.blending[:, None] * data + [0.1, -0.2, 0.3]
+    problems = against_remainder(
+        problems_of(made.observations, own, made.domains, settings, 1), own, left, made.fits[1], True
+    )
+    assert len(problems) == 3
+    for c, problem in enumerate(problems):
+        # The minimum of phi^2 (left / phi - h)^2 + gamma (data - h)^2 over h.
+        wanted = (own.blending * left[:, c] + 0.1 * data[:, c]) / (own.blending**2 + 0.1)
+        np.testing.assert_allclose(problem.values, wanted[:, None], rtol=1e-12)
+        np.testing.assert_array_equal(problem.warm.support, made.fits[1].support[c : c + 1])
+
+
 def test_a_sweep_brings_the_blend_nearer_and_the_patches_together():
     vertices, faces = cube(8)
     alone, swept = (
