@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 from bl_operators.presets import AddPresetBase
-from bpy.types import Operator
+from bpy.types import Context, Operator
 
 from ..solver.settings import Settings
+from .data.presets import preset_named
 
 
 class SPARSE_SURFACE_OT_preset_add(AddPresetBase, Operator):
@@ -16,6 +18,12 @@ class SPARSE_SURFACE_OT_preset_add(AddPresetBase, Operator):
     bl_idname = "sparse_surface.preset_add"
     bl_label = "Add Sparse Surface Preset"
     preset_menu = "SPARSE_SURFACE_MT_presets"
-    preset_defines = ("settings = bpy.context.scene.sparse_surface",)
-    preset_values = tuple(f"settings.{item.name}" for item in fields(Settings))
+    # Whole paths: where Blender 4 has Python 3.13, what `preset_defines` names is not found.
+    preset_values = tuple(f"bpy.context.scene.sparse_surface.{item.name}" for item in fields(Settings))
     preset_subdir = "sparse_surface"
+
+    def execute(self, context: Context) -> set[str]:
+        # The list hands over what it shows, and Blender looks for a file of that name.
+        shown: Any = self
+        shown.name = preset_named(shown.name)
+        return set(super().execute(context))

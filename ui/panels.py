@@ -144,7 +144,7 @@ def draw_preset(layout: UILayout, settings: PropertyGroup) -> None:
     label = row.row()
     label.alignment = "RIGHT"
     label.label(text="Preset")
-    row.popover("SPARSE_SURFACE_PT_presets", text=preset_title(name) if name else iface_("Custom"), translate=False)
+    row.popover("SPARSE_SURFACE_PT_presets", text=iface_(preset_title(name) if name else "Custom"), translate=False)
 
 
 def draw_solve(layout: UILayout, context: Context, one: str, several: str, icon: str) -> None:

@@ -14,7 +14,9 @@ from ...solver.settings import PRESETS, Settings
 
 FOLDER = "sparse_surface"
 
-_LINE = re.compile(r"^settings\.(\w+) = (.+)$", re.MULTILINE)
+_LINE = re.compile(r"^(?:settings|bpy\.context\.scene\.sparse_surface)\.(\w+) = (.+)$", re.MULTILINE)
+"""A value in a preset file: ours give the settings a name first, Blender writes the whole path."""
+
 _read: dict[Path, tuple[int, dict[str, Any]]] = {}
 """By file: when it was written, and its values; the panel asks at every redraw."""
 
@@ -25,8 +27,13 @@ def preset_names() -> list[str]:
 
 
 def preset_title(name: str) -> str:
-    """Return a preset's name as Blender's own menus write it."""
-    return bpy.path.display_name(name)
+    """Return a preset's name as menus write it: the solver's with capitals, the user's as they were typed."""
+    return bpy.path.display_name(name, title_case=name in PRESETS)
+
+
+def preset_named(title: str) -> str:
+    """Return the name of the solver's preset with a title; other titles are names themselves."""
+    return next((name for name in PRESETS if preset_title(name) == title), title)
 
 
 def preset_values(name: str) -> dict[str, Any]:
