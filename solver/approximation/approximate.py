@@ -151,7 +151,7 @@ def _approximate(given: MeshInput, settings: Settings, runner: ChunkRunner, watc
         searched = _cut(mesh, given, settings, weights, runner, hurry)
         mesh, hurry = yield from within(searched, 0.0, CUT_ENDS)
     with watch.stage("cover"):
-        patches = cover(mesh, settings.ring)
+        patches = cover(mesh, settings.ring, runner.each)
     request = yield Progress("Parameterising patches", CUT_ENDS, f"{len(patches)} patches")
     hurry = hurry or request == FINISH
     with watch.stage("domains"):

@@ -70,7 +70,7 @@ def _shown_creases(
     wanted &= ~mesh.passed_through[mesh.node_vertex]
     if not wanted.any():
         return none, False
-    patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted)
+    patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted, runner.each)
     look = replace(settings, iterations=min(LOOK, settings.iterations), keep_iterations=False)
     surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings, runner.each), observe, look, runner)
     if (yield from surface.fit()):

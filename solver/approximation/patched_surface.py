@@ -22,7 +22,7 @@ from ..patches.observations import Observations, PatchObservations
 from ..patches.parameterisation import initial_domains
 from ..patches.patches import Patches, build_patches, overlay_patches
 from ..patches.splitting import with_domains
-from ..processes.each import all_done
+from ..processes.each import Each, all_done
 from ..processes.memory import give_back
 from ..progress import FINISH, Progress, Steps
 from ..settings import Settings
@@ -98,7 +98,7 @@ class PatchedSurface(Generic[Observing]):
         runner: ChunkRunner,
     ) -> PatchedSurface[Observing]:
         """Cover a mesh with patches of `settings.ring` and map them to the plane."""
-        patches, domains = with_domains(mesh, cover(mesh, settings.ring), settings, runner.each)
+        patches, domains = with_domains(mesh, cover(mesh, settings.ring, runner.each), settings, runner.each)
         return cls(mesh, patches, domains, observe, settings, runner)
 
     @property
@@ -395,6 +395,6 @@ OscillationTest = Callable[[PatchedSurface[Observing]], Iterator[tuple[Booleans,
 """Finds the patches that oscillate between their observations, and what to fit them to (see `refit_oscillating`)."""
 
 
-def cover(mesh: TriangleMesh, ring: int) -> Patches:
+def cover(mesh: TriangleMesh, ring: int, each: Each = map) -> Patches:
     """Cover a mesh with patches of this ring."""
-    return build_patches(mesh, build_cover(mesh, ring), ring)
+    return build_patches(mesh, build_cover(mesh, ring), ring, each=each)

@@ -12,18 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from ..arrays import Booleans, Indices
+from ..arrays import Booleans, Indices, slices_of
 from ..mesh.edges import connected_parts
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native import disks as native
 from ..native.graphs import Graph
 from ..native.library import reason_against
+from ..processes.each import Each
 from .strips import grown_by_numpy
 
 _LARGEST_SHARE = 0.5  # of the triangles of a closed component that one patch may hold
 _LARGEST_GAP = 0.25  # filled gap, as a share of the patch's triangles
 _MOST_TRIANGLES = 20_000  # a larger ring shrinks, unless a single vertex has as many
 _CHUNK = 1024  # rings handled together; bounds the memory
+_PARTS, _LEAST = 8, 500  # parts that threads share, and the smallest number of rings in one
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ class Disks:
         return Disks(self.centres[which], self.rings[which], csr_array(self.members[which]), self.grown[which])
 
 
-def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans) -> Disks:
+def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans, each: Each = map) -> Disks:
     """Return for each centre the largest ring up to `ring` that is, or can be filled to be, a disk.
 
     Where that would be less than half of `ring`, a disk grows within the whole ring, at first over nodes that are
@@ -75,7 +77,7 @@ def largest_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Boole
     owners: list[Indices] = []
     pending = np.arange(len(centres))
     for radius in range(ring, ring // 2, -1):
-        rows, members = _disks_of_radius(mesh, limits, centres[pending], radius)
+        rows, members = _disks_of_radius(mesh, limits, centres[pending], radius, each)
         parts.append(Disks(centres[pending[rows]], np.full(len(rows), radius), members, np.zeros(len(rows), bool)))
         owners.append(pending[rows])
         pending = np.delete(pending, rows)
@@ -203,8 +205,26 @@ class _Limits:
         return cls(np.minimum(most, max(_MOST_TRIANGLES, 2 * largest_fan)), hole, sides)
 
 
-def _disks_of_radius(mesh: TriangleMesh, limits: _Limits, centres: Indices, radius: int) -> tuple[Indices, csr_array]:
+def rows_for_threads(count: int) -> list[slice]:
+    """Split `count` rings into parts for threads; by the compiled kernel, each part takes time for the whole mesh."""
+    return list(slices_of(count, max(_LEAST, -(-count // _PARTS))))
+
+
+def _disks_of_radius(
+    mesh: TriangleMesh, limits: _Limits, centres: Indices, radius: int, each: Each
+) -> tuple[Indices, csr_array]:
     """Return the centres whose ring of this radius is a disk, as positions, and the rings, filled where need be."""
+    parts = rows_for_threads(len(centres))
+    if len(parts) < 2:
+        return _some_disks(mesh, limits, centres, radius)
+    _ = mesh.twin_of_edge  # computed before several threads ask for it
+    found = list(each(lambda own: _some_disks(mesh, limits, centres[own], radius), parts))
+    rows = np.concatenate([own.start + rows for own, (rows, _) in zip(parts, found, strict=True)])
+    return rows, csr_array(vstack([members for _, members in found], format="csr"))
+
+
+def _some_disks(mesh: TriangleMesh, limits: _Limits, centres: Indices, radius: int) -> tuple[Indices, csr_array]:
+    """The same of some centres."""
     most = limits.triangles[mesh.component[centres]]
     if radius == 1:
         most = np.full(len(centres), len(mesh.triangles))

@@ -19,8 +19,9 @@ from ..mesh.normals import triangle_areas
 from ..mesh.topology import solve_winding
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native.library import reason_against
+from ..processes.each import Each
 from .cover import build_cover
-from .disks import Disks, held_nodes, largest_disks, numbered_nodes, row_chunks
+from .disks import Disks, held_nodes, largest_disks, numbered_nodes, row_chunks, rows_for_threads
 
 _OF_PATCHES, _OF_VERTICES = ("centres", "rings", "levels"), ("vertices", "nodes", "rim_distance")
 _OF_TRIANGLES = ("triangles", "mesh_triangles")
@@ -103,7 +104,9 @@ class Patches:
         return replace(self, passed_through=passed, rim_distance=distance)
 
 
-def build_patches(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans | None = None) -> Patches:
+def build_patches(
+    mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans | None = None, each: Each = map
+) -> Patches:
     """Build the patches around the centres of a cover, each a disk.
 
     Every vertex that is not passed through has a positive rim distance in at least one patch; where repairs made
@@ -117,10 +120,12 @@ def build_patches(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Boole
         Largest radius of a patch in edges.
     wanted
         Nodes to be covered, (N,), as they were given to `build_cover`.
+    each
+        Looks at some rings, perhaps several parts at once.
     """
     wanted = ~mesh.passed_through[mesh.node_vertex] if wanted is None else wanted
-    disks = _cover_with_disks(mesh, centres, ring, wanted)
-    return _assemble(mesh, disks, _unheld(mesh, disks), 0)
+    disks = _cover_with_disks(mesh, centres, ring, wanted, each)
+    return _assemble(mesh, disks, _unheld(mesh, disks), 0, each)
 
 
 def refine_patches(
@@ -175,7 +180,7 @@ def overlay_patches(mesh: TriangleMesh, patches: Patches, wanted: Booleans, ring
     return _concatenate(patches, _assemble(mesh, disks, patches.passed_through, level), patches.passed_through)
 
 
-def _cover_with_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans) -> Disks:
+def _cover_with_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: Booleans, each: Each = map) -> Disks:
     """Take the largest disk around each centre; cover what is lost where disks had to be smaller by smaller ones.
 
     A strip along something thin leaves its other side: the next ones may be as large.
@@ -184,7 +189,7 @@ def _cover_with_disks(mesh: TriangleMesh, centres: Indices, ring: int, wanted: B
     limit, rounds = ring, 0
     remaining = wanted
     while len(centres):
-        disks = largest_disks(mesh, centres, limit, remaining)
+        disks = largest_disks(mesh, centres, limit, remaining, each)
         parts.append(disks)
         remaining = remaining & ~held_nodes(mesh, disks.members)
         if limit == 1:
@@ -243,10 +248,10 @@ class _Local:
         return cls(node, distance, sizes, corners - offsets_of(sizes)[:-1][row][:, None], row, triangle)
 
 
-def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int) -> Patches:
+def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level: int, each: Each = map) -> Patches:
     # NumPy numbers the nodes of some patches at a time, so that memory stays bounded
-    parts = row_chunks(disks.members) if reason_against() else [disks.members]
-    pieces = [_assemble_chunk(mesh, rows, passed_through) for rows in parts]
+    parts = row_chunks(disks.members) if reason_against() else _parts_for_threads(disks.members)
+    pieces = list(each(lambda rows: _assemble_chunk(mesh, rows, passed_through), parts))
     nodes, sizes, triangles, mesh_triangles, rim_distance = map(np.concatenate, zip(*pieces, strict=True))
     return Patches(
         centres=mesh.node_vertex[disks.centres],
@@ -261,6 +266,12 @@ def _assemble(mesh: TriangleMesh, disks: Disks, passed_through: Booleans, level:
         passed_through=passed_through,
         levels=np.full(len(disks.rings), level, dtype=np.int64),
     )
+
+
+def _parts_for_threads(members: csr_array) -> list[csr_array]:
+    """Split the rows of a matrix, at least one part."""
+    parts = rows_for_threads(members.shape[0])
+    return [csr_array(members[own]) for own in parts] if len(parts) > 1 else [members]
 
 
 def _assemble_chunk(

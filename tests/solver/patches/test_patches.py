@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from scipy.spatial import ConvexHull
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.errors import InputError
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh
+from sparse_surface.solver.patches import disks
 from sparse_surface.solver.patches.cover import build_cover
 from sparse_surface.solver.patches.loops import boundary_loops
 from sparse_surface.solver.patches.patches import Patches, build_patches, refine_patches
@@ -309,3 +311,14 @@ def test_refining_all_or_nothing():
     all_new, new = refine_patches(mesh, patches, np.ones(len(patches), dtype=bool), 3)
     assert new.all()
     assert_sound(mesh, all_new)
+
+
+@pytest.mark.parametrize("model", [*HARD, lambda: models.creased_terrain(4000)])
+def test_patches_are_the_same_whatever_threads_build_them(model, monkeypatch):
+    mesh, ring = build_mesh(*model()), 3
+    alone = patches_of(mesh, ring)
+    monkeypatch.setattr(disks, "_LEAST", 5)
+    with ThreadPoolExecutor(3) as threads:
+        found = build_patches(mesh, build_cover(mesh, ring), ring, each=threads.map)
+    for name, expected in vars(alone).items():
+        np.testing.assert_array_equal(getattr(found, name), expected, err_msg=name)
