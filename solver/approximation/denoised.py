@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array, Indices
 from ..denoising.denoise import Denoised, denoise_steps
 from ..patches.observations import checked_weights
-from ..progress import FINISH, Steps
+from ..progress import FINISH, Progress, Steps, relayed
 from ..settings import Settings
 from ..surface.metrics import statistics
 from .measuring import Deviation
@@ -78,9 +78,10 @@ def remove_noise(given: MeshInput, settings: Settings) -> Steps[MeshInput]:
         triangles=given.triangles,
         sharp_edges=given.sharp_edges if settings.creases == "marked" else None,
     )
-    denoised, hurry = yield from _heard(steps)
-    if weights is not None:
-        denoised = _held_back(denoised, given.positions, np.minimum(weights, 1.0))
+    share = None if weights is None else np.minimum(weights, 1.0)
+    denoised, hurry = yield from _heard(relayed(steps, lambda step: _shown_held_back(step, given.positions, share)))
+    if share is not None:
+        denoised = _held_back(denoised, given.positions, share)
     positions = denoised.vertices
     if settings.denoise == "only" or hurry:
         weights = np.zeros(len(positions))
@@ -95,6 +96,14 @@ def _held_back(denoised: Denoised, given: NDArray[Any], share: Array) -> Denoise
     return replace(
         denoised, vertices=between.astype(denoised.vertices.dtype), displacement=share * denoised.displacement
     )
+
+
+def _shown_held_back(step: Progress, given: NDArray[Any], share: Array | None) -> Progress:
+    """Return a step whose surface goes that share, (V,), of its way."""
+    surface = step.surface
+    if surface is None or share is None:
+        return step
+    return replace(step, surface=lambda: given + share[:, None] * (surface() - given))
 
 
 def _heard(steps: Steps[Denoised]) -> Steps[tuple[Denoised, bool]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from numbers import Real
 from typing import Any
 
@@ -18,23 +19,17 @@ from ..mesh.objects import Given, given_mesh
 from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
-from ..progress import FINISH, Progress, Steps, run_to_end, within
+from ..progress import FINISH, Progress, Steps, relayed, run_to_end, within
 from .noise_level import STRONG, NoiseEstimate, estimate_noise_level, mean_edge_length, smoothed_normals
 from .noise_spectrum import correlated_noise
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
+from .preview import Preview
 from .seeds import scattered
 from .surface import Surface, build_surface
 from .triangle_repair import repair_triangles
-from .vertex_update import (
-    LARGEST_MOVE,
-    WILD_MOVE,
-    fill_in,
-    has_wild_vertices,
-    move_to_planes,
-    update_directions,
-)
+from .vertex_update import fill_in, move_wild_ones_far, update_directions
 
 CLEAN = 0.03
 """Relief below this share of the mean edge length counts as the mesh's own and stays ..."""
@@ -284,7 +279,8 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, noise: _Noise) -> Steps
     fraction = 0.0
     for step in range(_STEPS_DOWN + 1):
         end = fraction + 0.8 * (1.0 - fraction)
-        moved, directions = yield from within(_pass(surface, noisy, noise), fraction, end)
+        fitting = relayed(_pass(surface, noisy, noise), lambda shown: _placed(shown, scale, centre))
+        moved, directions = yield from within(fitting, fraction, end)
         along = np.abs(((moved - noisy) * directions).sum(axis=1))[mesh.used[: len(noisy)]]
         # Removing noise moves half of the vertices by less than 0.67 of its level; larger moves flatten the shape.
         if step == _STEPS_DOWN or np.median(along) <= noise.known:
@@ -292,6 +288,12 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, noise: _Noise) -> Steps
         noise, fraction = replace(noise, level=noise.level / 2), end
     held = (moved == noisy).all(axis=1)
     return np.where(held[:, None], mesh.vertices, moved * scale + centre), asked * 0.5**step
+
+
+def _placed(step: Progress, scale: float, centre: Array) -> Progress:
+    """Return a step with its surface in scene units."""
+    surface = step.surface
+    return step if surface is None else replace(step, surface=lambda: surface() * scale + centre)
 
 
 def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, Array]]:
@@ -304,16 +306,17 @@ def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, A
         normals = smooth_normals(surface, noisy, round(2 * spread))
         rules = [_COARSE.larger(spread), _LARGE.larger(spread)]
     for number, rule in enumerate(rules):
-        guide, fitting = normals, _average_of_patches(surface, noisy, normals, noise.effective, rule)
+        guide, fitting = normals, _average_of_patches(surface, noisy, normals, noise, rule)
         average = yield from within(fitting, 0.05 + 0.6 * number / len(rules), 0.05 + 0.6 * (number + 1) / len(rules))
         normals = average.normals(guide)
     wide = _beside_wide_patches(surface, average, rules[-1])
     if wide.any() and not average.hurried:
-        rule = replace(rules[-1], largest_change=_ON_WIDE_SIDES)
-        fitting = _average_of_patches(surface, noisy, unit(guide + normals), noise.effective, rule, wide)
+        rule, guide = replace(rules[-1], largest_change=_ON_WIDE_SIDES), unit(guide + normals)
+        fitting = _average_of_patches(surface, noisy, guide, noise, rule, (wide, average))
         average.include((yield from within(fitting, 0.65, 0.95)))
         normals = average.normals(normals)
-    yield Progress("Moving vertices", 0.95)
+    preview = Preview(surface, noisy, normals, noise.level, noise.known)
+    yield Progress("Moving vertices", 0.95, surface=partial(preview.vertices, average))
     _, areas = normals_and_areas(noisy, surface.triangles)
     directions = update_directions(normals, areas, surface, len(noisy))
     moved = _moved(surface, noisy, normals, average.planes(), directions, noise)
@@ -343,10 +346,7 @@ def _moved(
 ) -> Array:
     """Return the vertices on their planes; wild ones may move far, and triangles folded over are turned back."""
     matrices, _, weight = planes
-    far = move_to_planes(noisy, planes, directions, noise.level, WILD_MOVE)
-    largest = WILD_MOVE if has_wild_vertices(far - noisy, noise.known) else LARGEST_MOVE
-    moved = move_to_planes(noisy, planes, directions, noise.level, largest)
-    limit = largest * noise.level
+    moved, limit = move_wild_ones_far(noisy, planes, directions, noise.level, noise.known)
     moved = fill_in(noisy, moved, weight > 0, surface, normals, limit)
     if noise.sideways:
         moved = repair_triangles(noisy, moved, matrices, weight > 0, surface, normals, limit)
@@ -354,21 +354,29 @@ def _moved(
 
 
 def _average_of_patches(
-    surface: Surface, noisy: Array, normals: Array, noise_level: float, rule: PatchRule, asked: Booleans | None = None
+    surface: Surface,
+    noisy: Array,
+    normals: Array,
+    noise: _Noise,
+    rule: PatchRule,
+    beside: tuple[Booleans, PatchAverage] | None = None,
 ) -> Steps[PatchAverage]:
     """Fit patches until enough of them cover each triangle: few on flat sides, many where patches stay small.
 
-    With `asked`, (T,), they grow from those triangles only.
+    With `beside` they grow from some triangles only, (T,), and are shown together with patches that were fitted before.
     """
-    fitter = PatchFitter(surface, noisy, normals, noise_level, rule)
+    fitter = PatchFitter(surface, noisy, normals, noise.effective, rule)
+    preview = Preview(surface, noisy, normals, noise.level, noise.known)
     average = PatchAverage(len(surface.triangles), len(noisy), rule.misfit_power)
-    order = scattered(np.flatnonzero(normals.any(axis=1) & (True if asked is None else asked)))
+    asked, shown = (True, [average]) if beside is None else (beside[0], [beside[1], average])
+    order = scattered(np.flatnonzero(normals.any(axis=1) & asked))
     for batch in range(_BATCHES):
         seeds = order[batch::_BATCHES]
         seeds = seeds[average.coverage[seeds] < (1 if average.hurried else _COVERAGE)]
         for start in range(0, len(seeds), fitter.chunk):
             done = (batch + start / len(seeds)) / _BATCHES
-            average.hurried |= (yield Progress("Fitting one-sided patches", done)) == FINISH
+            step = Progress("Fitting one-sided patches", done, surface=partial(preview.vertices, *shown))
+            average.hurried |= (yield step) == FINISH
             for fits in fitter.fits(seeds[start : start + fitter.chunk]):
                 average.add(fits)
     return average

@@ -33,16 +33,26 @@ class _Sums:
         self._flush()
         return self._sums
 
+    def so_far(self) -> Array:
+        """Return the sums, but leave what waits waiting: the order of additions decides about the last bit."""
+        sums = self._sums.copy()
+        _add(sums, self._places, self._rows)
+        return sums
+
     def include(self, other: _Sums) -> None:
         self._flush()
         self._sums += other.total()
 
     def _flush(self) -> None:
-        if self._places:
-            places, rows = np.concatenate(self._places), np.concatenate(self._rows)
-            for column in range(rows.shape[1]):
-                self._sums[:, column] += np.bincount(places, rows[:, column], len(self._sums))
+        _add(self._sums, self._places, self._rows)
         self._places, self._rows, self._waiting = [], [], 0
+
+
+def _add(sums: Array, places: list[Indices], rows: list[Array]) -> None:
+    if places:
+        where, what = np.concatenate(places), np.concatenate(rows)
+        for column in range(what.shape[1]):
+            sums[:, column] += np.bincount(where, what[:, column], len(sums))
 
 
 class PatchAverage:
@@ -121,10 +131,18 @@ class PatchAverage:
         Mean of n n^T over the planes at each vertex, (V, 3, 3), of n d with d the distance to the plane along n,
         (V, 3), and the total weight, (V,), 0 where no patch has a value.
         """
-        sums = self._planes.total()
-        weight = sums[:, 9]
-        mean = sums[:, :9] / np.where(weight > 0, weight, 1.0)[:, None]
-        matrices = np.empty((len(sums), 3, 3))
-        for column, (i, j) in enumerate(_SYMMETRIC):
-            matrices[:, i, j] = matrices[:, j, i] = mean[:, column]
-        return matrices, mean[:, 6:9], weight
+        return _mean_equations(self._planes.total())
+
+    def planes_so_far(self, *others: PatchAverage) -> tuple[Array, Array, Array]:
+        """Return `planes` of these patches and those of `others`; what is added later comes out as without the look."""
+        return _mean_equations(sum((other._planes.so_far() for other in others), self._planes.so_far()))
+
+
+def _mean_equations(sums: Array) -> tuple[Array, Array, Array]:
+    """Return what `PatchAverage.planes` does from the sums at each vertex, (V, 10)."""
+    weight = sums[:, 9]
+    mean = sums[:, :9] / np.where(weight > 0, weight, 1.0)[:, None]
+    matrices = np.empty((len(sums), 3, 3))
+    for column, (i, j) in enumerate(_SYMMETRIC):
+        matrices[:, i, j] = matrices[:, j, i] = mean[:, column]
+    return matrices, mean[:, 6:9], weight

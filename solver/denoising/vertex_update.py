@@ -60,6 +60,15 @@ def move_to_planes(
     return moved
 
 
+def move_wild_ones_far(
+    vertices: Array, planes: tuple[Array, Array, Array], directions: Array, noise_level: float, known_level: float
+) -> tuple[Array, float]:
+    """Return what `move_to_planes` does, and the longest move: long where vertices are wild by the `known_level`."""
+    far = move_to_planes(vertices, planes, directions, noise_level, WILD_MOVE)
+    largest = WILD_MOVE if has_wild_vertices(far - vertices, known_level) else LARGEST_MOVE
+    return move_to_planes(vertices, planes, directions, noise_level, largest), largest * noise_level
+
+
 def has_wild_vertices(moves: Array, noise_level: float) -> bool:
     """Return whether more of the moves, (V, 3), are far longer than the noise level than Gaussian noise explains."""
     wild = int((np.linalg.norm(moves, axis=1) > LARGEST_MOVE * noise_level).sum())
@@ -85,7 +94,14 @@ def fill_in(vertices: Array, moved: Array, known: Booleans, surface: Surface, no
     triangles = surface.triangles
     beside = np.zeros(len(vertices), dtype=bool)
     beside[triangles[known[triangles].any(axis=1)]] = True
-    loose = beside & ~known
+    return follow_normals(vertices, moved, beside & ~known, surface, normals, limit, _FILLING_STEPS)
+
+
+def follow_normals(
+    vertices: Array, moved: Array, loose: Booleans, surface: Surface, normals: Array, limit: float, steps: int
+) -> Array:
+    """Move the `loose` vertices, (V,), a few steps towards the planes of the triangles around them; see `fill_in`."""
+    triangles = surface.triangles
     touching = np.flatnonzero(loose[triangles].any(axis=1))
     if not len(touching):
         return moved
@@ -93,10 +109,10 @@ def fill_in(vertices: Array, moved: Array, known: Booleans, surface: Surface, no
     normal = np.repeat(normals[touching], 3, axis=0)
     count = np.maximum(np.bincount(corners, minlength=len(vertices)), 1)
     result = moved.copy()
-    for _ in range(_FILLING_STEPS):
+    for _ in range(steps):
         centroids = np.repeat(result[triangles[touching]].mean(axis=1), 3, axis=0)
-        steps = normal * (normal * (centroids - result[corners])).sum(axis=1, keepdims=True)
-        total = np.stack([np.bincount(corners, steps[:, axis], len(vertices)) for axis in range(3)], axis=1)
+        to_plane = normal * (normal * (centroids - result[corners])).sum(axis=1, keepdims=True)
+        total = np.stack([np.bincount(corners, to_plane[:, axis], len(vertices)) for axis in range(3)], axis=1)
         step = (total / count[:, None])[loose]
         result[loose] = vertices[loose] + limited(result[loose] + step - vertices[loose], limit)
     return result

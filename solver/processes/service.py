@@ -30,6 +30,8 @@ from .memory import peak_memory_mb
 
 SECONDS_BETWEEN_MESSAGES = 0.05
 SECONDS_BETWEEN_PREVIEWS = 0.5
+PREVIEW_REST = 20.0
+"""The next preview comes no earlier than this many times the seconds that one took: they must not slow the work."""
 
 
 class Answer(NamedTuple):
@@ -119,14 +121,15 @@ class _Reporter:
     previews: bool
     _stage: str = ""
     _sent: float = 0.0
-    _shown: float = 0.0
+    _next_shown: float = 0.0
 
     def __call__(self, step: Progress) -> str | None:
         now = time.monotonic()
         surface = None
-        if self.previews and step.surface is not None and now - self._shown >= SECONDS_BETWEEN_PREVIEWS:
-            self._shown = now
+        if self.previews and step.surface is not None and now >= self._next_shown:
             surface = partial(np.asarray, step.surface().astype(np.float32))
+            took = time.monotonic() - now
+            self._next_shown = now + max(SECONDS_BETWEEN_PREVIEWS, PREVIEW_REST * took)
         if surface or step.stage != self._stage or now - self._sent >= SECONDS_BETWEEN_MESSAGES:
             self._stage, self._sent = step.stage, now
             send(self.outgoing, pack(replace(step, surface=surface)))

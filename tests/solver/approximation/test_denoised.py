@@ -42,6 +42,23 @@ def test_the_preset_takes_the_noise_off(cube, denoised) -> None:
     assert degrees <= 0.5
 
 
+def test_steps_show_vertices_going_the_share_of_their_way_that_their_weights_give(cube) -> None:
+    _, faces, noisy = cube
+    weights = np.linspace(0.0, 1.0, len(noisy))
+    shown: list[list[np.ndarray]] = []
+    for given in (None, weights):
+        shown.append([])
+        approximate(
+            *(noisy, faces, ONLY),
+            weights=given,
+            report=lambda step: shown[-1].extend([step.vertices] if "patches" in step.stage and step.surface else []),
+        )
+    assert len(shown[0]) == len(shown[1]) > 3
+    for whole, held in zip(*shown, strict=True):
+        np.testing.assert_allclose(held, noisy + weights[:, None] * (whole - noisy), atol=1e-12)
+        assert np.abs(whole - noisy).max() > 0
+
+
 def test_the_representation_is_the_denoised_mesh(denoised, tmp_path) -> None:
     surface = denoised.representation
     assert surface.patches == denoised.report["patches"] == 0

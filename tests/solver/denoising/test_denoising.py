@@ -495,6 +495,22 @@ def test_progress_ascends_and_work_can_be_stopped() -> None:
     steps.close()
 
 
+@pytest.mark.parametrize("kind", ["creased", "strong"])
+def test_steps_show_the_mesh_losing_its_noise(kind: str) -> None:
+    """Ever closer to the clean mesh, and to look changes no bit."""
+    vertices, faces = models.cube() if kind == "creased" else models.sphere()
+    noisy = with_noise(vertices, faces, 3e-3 if kind == "creased" else 2e-2, 21)
+    shown: list[Array] = []
+    denoised = denoise(noisy, faces, report=lambda step: shown.extend([] if step.surface is None else [step.vertices]))
+    before, first, *_, last, end = (
+        distance_from_clean(vertices, faces, each)[0] for each in (noisy, *shown, denoised.vertices)
+    )
+    assert before > 1.2 * first > 1.2 * last
+    assert last < 1.1 * end
+    assert all(np.isfinite(each).all() for each in shown)
+    assert denoise(noisy, faces).vertices.tobytes() == denoised.vertices.tobytes()
+
+
 def test_asked_to_finish_it_makes_do_with_less() -> None:
     vertices, faces = models.sphere()
     noisy = with_noise(vertices, faces, 2e-3, 5)
