@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sparse_surface.solver.fitting.batch import build_batch
 from sparse_surface.solver.fitting.dictionary import Dictionary
-from sparse_surface.solver.fitting.sparse_fit import as_wide_as, generalisation_score, least_squares, merge, select
+from sparse_surface.solver.fitting.sparse_fit import as_wide_as, generalisation_score, least_squares, merge, select, select_validated
 from synthetic import crease, hill, problem
 
 LEGENDRE = Dictionary(14, "legendre")
@@ -58,6 +58,21 @@ def test_noise_alone_is_worth_no_function_beyond_the_first(pursuit: str) -> None
         one_each += int(((support >= 0).sum(axis=-1) <= 1).sum())
         trials += support.shape[1]
     assert one_each > 0.8 * trials
+
+
+def test_validated_signals_get_what_a_pursuit_of_their_number_chooses() -> None:
+    """Each as if it were alone: two problems whose signals are a plane, a hill and a crease, with noise."""
+    rng = np.random.default_rng(2)
+    problems = [problem(shape, 12, seed=k) for k, shape in enumerate((hill, crease))]
+    problems = [replace(each, values=each.values + rng.normal(0.0, 0.01, each.values.shape)) for each in problems]
+    batch = build_batch(problems)
+    support = select_validated(batch, LEGENDRE, batch.start, 12, "ols").support
+    used = (support >= 0).sum(axis=-1)
+    assert len(np.unique(used)) > 1
+    for count in np.unique(used):
+        alone = select(batch, LEGENDRE, batch.start, int(count), "ols").support
+        for k, signal in zip(*np.nonzero(used == count), strict=True):
+            np.testing.assert_array_equal(support[k, signal, :count], alone[k, signal])
 
 
 def test_less_noise_allows_more_functions() -> None:
