@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from sparse_surface.solver.fitting.batch import build_batch
 from sparse_surface.solver.fitting.dictionary import Dictionary
-from sparse_surface.solver.fitting.sparse_fit import as_wide_as, generalisation_score, least_squares, merge, select, select_validated
+from sparse_surface.solver.fitting.sparse_fit import (
+    as_wide_as,
+    generalisation_score,
+    least_squares,
+    merge,
+    select,
+    select_validated,
+)
 from synthetic import crease, hill, problem
 
 LEGENDRE = Dictionary(14, "legendre")
