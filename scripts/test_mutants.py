@@ -27,7 +27,7 @@ COPY = CHECKOUT / "build" / "mutants" / "sparse_surface"
 PYTHON = CHECKOUT / ".venv" / "bin" / "python"
 
 TESTS = {
-    "solver/approximation/oscillation.py": "approximation/test_oscillation.py reliability/test_uneven.py",
+    "solver/approximation/oscillation.py": "approximation/test_oscillation.py reliability/test_uneven.py native/test_surface.py",
     "solver/approximation/sweeps.py": "approximation/test_sweeps.py",
     "solver/approximation/tolerance.py": "approximation/test_tolerance.py",
     "solver/denoising/patch_average.py": "denoising",
@@ -36,24 +36,27 @@ TESTS = {
     "solver/distance/certified.py": "distance/test_certified.py",
     "solver/distance/winding.py": "distance/test_winding.py",
     "solver/fitting/cross_validation.py": "fitting/test_cross_validation.py",
-    "solver/fitting/dictionary.py": "fitting/test_dictionary.py",
-    "solver/fitting/domain_energy.py": "fitting/test_domain_energy.py",
-    "solver/fitting/pursuit.py": "fitting/test_pursuit.py",
+    "solver/fitting/dictionary.py": "fitting/test_dictionary.py native/test_dictionary.py",
+    "solver/fitting/domain_energy.py": "fitting/test_domain_energy.py native/test_domain_energy.py",
+    "solver/fitting/pursuit.py": "fitting/test_pursuit.py native/test_pursuit.py",
     "solver/fitting/sparse_fit.py": "fitting/test_sparse_fit.py fitting/methods",
     "solver/fitting/methods/augmented_lagrangian.py": "fitting/methods/test_augmented_lagrangian.py",
     "solver/fitting/methods/gauss_newton.py": "fitting/methods/test_gauss_newton.py",
     "solver/fitting/methods/variable_projection.py": "fitting/methods",
     "solver/patches/blending.py": "patches/test_blending.py",
-    "solver/patches/cover.py": "patches/test_cover.py",
-    "solver/patches/disks.py": "patches",
-    "solver/patches/parameterisation.py": "patches/test_parameterisation.py",
+    "solver/patches/cover.py": "patches/test_cover.py native/test_patches.py",
+    "solver/patches/disks.py": "patches native/test_disks.py",
+    "solver/patches/parameterisation.py": "patches/test_parameterisation.py native/test_patches.py",
     "solver/reconstruction/geometry.py": "reconstruction/test_geometry.py",
-    "solver/surface/bounds.py": "surface/test_bounds.py",
-    "solver/surface/metrics.py": "surface/test_metrics.py",
-    "solver/surface/representation.py": "surface/test_representation.py",
-    "solver/surface/taylor.py": "surface/test_bounds.py",
+    "solver/surface/bounds.py": "surface/test_bounds.py native/test_surface.py",
+    "solver/surface/metrics.py": "surface/test_metrics.py native/test_surface.py",
+    "solver/surface/representation.py": "surface/test_representation.py native/test_surface.py",
+    "solver/surface/taylor.py": "surface/test_bounds.py native/test_surface.py",
 }
-"""The tests, in tests/solver, that have to notice a change of a module."""
+"""The tests, in tests/solver, that have to notice a change of a module.
+
+Those in `native` compare the compiled kernel with what is in NumPy, which runs nowhere else where there is a kernel.
+"""
 
 CHANGES = re.compile(
     r"core/(ReplaceBinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul|Pow_Mul)"
