@@ -27,7 +27,9 @@ COPY = CHECKOUT / "build" / "mutants" / "sparse_surface"
 PYTHON = CHECKOUT / ".venv" / "bin" / "python"
 
 TESTS = {
-    "solver/approximation/oscillation.py": "approximation/test_oscillation.py reliability/test_uneven.py native/test_surface.py",
+    "solver/approximation/oscillation.py": (
+        "approximation/test_oscillation.py reliability/test_uneven.py native/test_surface.py"
+    ),
     "solver/approximation/sweeps.py": "approximation/test_sweeps.py",
     "solver/approximation/tolerance.py": "approximation/test_tolerance.py",
     "solver/denoising/patch_average.py": "denoising",
