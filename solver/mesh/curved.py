@@ -22,6 +22,16 @@ STEEPEST = 30.0
 they stand for."""
 
 
+def node_normals(mesh: TriangleMesh) -> Array:
+    """Unit normals of the nodes, (N, 3), those of their triangles weighted by the angles there; all wound alike."""
+    normals, _ = normals_and_areas(mesh.vertices, mesh.triangles)
+    normals *= np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
+    corners = mesh.vertices[mesh.triangles]
+    ahead = np.roll(corners, -1, axis=1) - corners
+    angles = angle_between(ahead.reshape(-1, 3), -np.roll(ahead, 1, axis=1).reshape(-1, 3)).reshape(-1, 3)
+    return unit(_around(mesh.nodes, angles[:, :, None] * normals[:, None], mesh.node_count))
+
+
 def curved_offsets(mesh: TriangleMesh) -> tuple[Array, Array]:
     """Compute what leads from a mesh to the smooth surface beside it.
 
@@ -30,13 +40,11 @@ def curved_offsets(mesh: TriangleMesh) -> tuple[Array, Array]:
     tuple
         Moves of the nodes, (N, 3), and c of each triangle's sides, (T, 3, 3); side k leads from corner k to k + 1.
     """
-    corners = mesh.vertices[mesh.triangles]
     normals, areas = normals_and_areas(mesh.vertices, mesh.triangles)
     normals *= np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
+    corners = mesh.vertices[mesh.triangles]
     ahead = np.roll(corners, -1, axis=1) - corners
-    angles = angle_between(ahead.reshape(-1, 3), -np.roll(ahead, 1, axis=1).reshape(-1, 3)).reshape(-1, 3)
-    around = _around(mesh.nodes, angles[:, :, None] * normals[:, None], mesh.node_count)
-    around = unit(around)
+    around = node_normals(mesh)
     start = around[mesh.nodes]
     end = np.roll(start, -1, axis=1)
     tame = (start @ normals[:, :, None])[:, :, 0].min(axis=1) >= np.cos(np.radians(STEEPEST))

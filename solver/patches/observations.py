@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Booleans, Indices, any_of, has_masked, rows_at
 from ..errors import InputError
-from ..mesh.curved import curved_offsets, offsets_inside
+from ..mesh.curved import offsets_inside
+from ..mesh.fairing import fair_offsets
 from ..mesh.potential_creases import beside_sharp_edges
 from ..mesh.sampling import CENTROID, SURFACE_SAMPLES, middles_of, points_inside
 from ..mesh.triangle_mesh import TriangleMesh
@@ -33,8 +34,6 @@ SHARP_DEGREES = 60.0
 """A patch is smooth where its triangles make no larger angle than this."""
 SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
-CURVED_SHARE = 0.75
-"""How far from the flat triangles towards the smooth surface beside them curved observations lie."""
 LIP_WEIGHT = 0.25
 """Weight of vertices on the side of a crease, where only half their triangles are and patches end."""
 
@@ -156,7 +155,7 @@ class MeshObservations:
     follow their rows in turn, and there its normals would be degrees off.  Six points of a triangle lie on both sides.
 
     Domains of their own for x, y and z could follow each flat triangle, and the surface would bend at every edge.  So
-    there the points are observed three quarters of the way to the smooth surface beside the mesh (see `mesh.curved`).
+    there the points are observed on a fair surface beside the mesh (see `mesh.fairing`).
     Refinements towards a tolerance are fitted to what the tolerance is measured from, the triangles themselves.
 
     Attributes
@@ -233,7 +232,7 @@ class MeshObservations:
         if self._curve is not None:
             moves, bulges = self._curve
             within = offsets_inside(mesh.nodes, moves, bulges, CENTROID)[:, 0]
-            self.points = self.places + CURVED_SHARE * np.concatenate([moves, within])
+            self.points = self.places + np.concatenate([moves, within])
         self._observe_closely()
 
     def _observe_closely(self) -> None:
@@ -248,16 +247,16 @@ class MeshObservations:
             self.places = self.points = np.concatenate([self.places, places])
             return
         moves, bulges = self._curve
-        moved = CURVED_SHARE * offsets_inside(mesh.nodes[new], moves, bulges[new], SURFACE_SAMPLES).reshape(-1, 3)
+        moved = offsets_inside(mesh.nodes[new], moves, bulges[new], SURFACE_SAMPLES).reshape(-1, 3)
         self.places = np.concatenate([self.places, places])
         self.points = np.concatenate([self.points, places + moved])
 
     def _smooth_surface(self) -> tuple[Array, Array] | None:
-        """How far the smooth surface is away (see `curved_offsets`); None where the triangles are observed."""
+        """How far the smooth surface is away (see `fair_offsets`); None where the triangles are observed."""
         mesh, patches, *_, inside, curved = self._made_of
         if not (inside and curved) or patches.levels.any():
             return None
-        moves, bulges = curved_offsets(mesh)
+        moves, bulges = fair_offsets(mesh)
         moves[mesh.passed_through[mesh.node_vertex]] = 0.0
         return moves, bulges
 
