@@ -89,6 +89,8 @@ release: venv ## version, changelog, library, zips, documents, checksums, commit
 	@$(RELEASE)/bin/python scripts/release.py "$(VERSION)"
 
 bench: venv ## measure speed and accuracy into docs/measured.json and the pages (BENCH="--only stages sizes")
+	@$(PY) -m pip --disable-pip-version-check install --quiet --requirement=requirements/peers.txt || \
+		echo "MeshLab and MeshLib do not install here: they are left out of the benchmark"
 	@$(PY) -m sparse_surface benchmark --keep $(BENCH)
 	@$(PY) scripts/fill_pages.py
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..solver.errors import InputError
-from . import accuracy, alignment, denoising, distances, evaluation, measured, performance
+from . import accuracy, alignment, denoising, distances, evaluation, measured, performance, published_noise
 from . import generated_models as models
 from .cases import Case
 from .tables import Table
@@ -49,7 +49,7 @@ PARTS: dict[str, tuple[Sequence[str], Callable[[Sequence[Case], Say], Result]]] 
 }
 """Parts of the benchmark: models that each takes, unless some are named, and what measures them."""
 
-OTHER_PARTS = ("sizes", "clouds")
+OTHER_PARTS = ("sizes", "clouds", "published")
 
 
 def benchmark(
@@ -93,6 +93,8 @@ def benchmark(
             continue
         elif part == "sizes":
             found = performance.sizes([size for size in performance.SIZES if size <= largest], _say)
+        elif part == "published":
+            found = published_noise.run(folder.parent / "bench" / "denoising", _read, _say)
         else:
             from . import point_clouds
 

@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from sparse_surface.benchmarks import accuracy, alignment, denoising, distances, evaluation
+from sparse_surface.benchmarks import accuracy, alignment, denoising, distances, evaluation, published_noise
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
@@ -112,6 +113,23 @@ def test_a_noisy_case_is_measured_and_written() -> None:
     shown = f"{found.denoised.rms:.2e} / {found.denoised.degrees:.2f}"
     assert tables["denoising"].cell("sphere", "denoised") == shown
     assert "| sphere | unchanged |" in tables["denoising, clean"].markdown()
+
+
+def test_peers_of_denoising_are_measured_where_they_are_installed(tmp_path) -> None:
+    """And named where they are not; cases that are not there are left out."""
+    vertices, triangles = models.sphere(10)
+    noisy = denoising.with_noise(vertices, triangles, 0.005, 5, isotropic=False)
+    there = {name for name, package in published_noise.PACKAGES.items() if find_spec(package) is not None}
+    found = published_noise.measure(noisy, vertices, triangles)
+    assert found.keys() == {"noisy", "denoised", "units", *there, *(f"{name}, best" for name in there)}
+    before = denoising.closeness(vertices, triangles, noisy).degrees
+    assert found["noisy"] == before
+    assert all(found[kind] < 0.8 * before for kind in found if "best" in kind or kind == "denoised")
+    said: list[str] = []
+    assert published_noise.run(tmp_path, lambda path: (vertices, triangles), said.append) == ({}, {})
+    missing = published_noise.PACKAGES.keys() - there
+    assert len(said) == len(published_noise.CASES) + len(missing)
+    assert all(any(name in sentence for sentence in said) for name in missing)
 
 
 def test_a_representation_is_measured_and_written() -> None:
