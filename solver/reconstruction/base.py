@@ -48,6 +48,9 @@ OUTSIDE_SPACINGS, OUTSIDE_LEVELS = 0.7, 1.0
 AROUND = 1.5
 """Points within this many lengths of a moved vertex's longest edge say whether the move was for the better."""
 
+POINTS_OF_A_LINE, STRAIGHT = 6, 0.2
+"""Points of a crease that show which way it runs on at a border, and how wide they may be for their length."""
+
 LEAST_TURN = 0.3
 """Cosine of the largest angle by which such a move may turn a triangle."""
 
@@ -213,11 +216,11 @@ def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
     count = np.bincount(start, minlength=len(mesh.vertices)) + np.bincount(end, minlength=len(mesh.vertices))
     total = np.bincount(start, length, len(mesh.vertices)) + np.bincount(end, length, len(mesh.vertices))
     edge = total / np.maximum(count, 1)
-    distance, nearest = cKDTree(creases).query(mesh.vertices)
+    distance, targets = _places_on_creases(mesh, creases)
     wanted = np.flatnonzero(distance < REACH * edge)
     vertices, moved = mesh.vertices.copy(), np.zeros(len(mesh.vertices), dtype=bool)
     for vertex in wanted[np.argsort(distance[wanted] / edge[wanted], kind="stable")]:
-        target = creases[nearest[vertex]]
+        target = targets[vertex]
         around = mesh.adjacency.indices[mesh.adjacency.indptr[vertex] : mesh.adjacency.indptr[vertex + 1]]
         rivals = around[moved[around]]
         if (np.linalg.norm(vertices[rivals] - target, axis=1) < APART * edge[vertex]).any():
@@ -230,6 +233,24 @@ def snapped_to_creases(mesh: TriangleMesh, creases: Array) -> TriangleMesh:
         else:
             moved[vertex] = True
     return replace(mesh, vertices=vertices)
+
+
+def _places_on_creases(mesh: TriangleMesh, creases: Array) -> tuple[Array, Array]:
+    """Distance of each vertex from the creases, (V,), and the place there that is nearest, (V, 3).
+
+    At the border a crease runs on beyond its last point: a vertex there goes to its line, not back into the cloud.
+    """
+    tree, count = cKDTree(creases), min(POINTS_OF_A_LINE, len(creases))
+    distance, nearest = tree.query(mesh.vertices)
+    targets = creases[nearest]
+    border = np.unique(mesh.node_vertex[mesh.border])
+    around = creases[tree.query(targets[border], k=count)[1].reshape(len(border), count)]
+    _, sizes, axes = np.linalg.svd(around - around.mean(axis=1, keepdims=True), full_matrices=False)
+    along = ((mesh.vertices[border] - targets[border]) * axes[:, 0]).sum(axis=1)
+    straight = sizes[:, 1:].max(axis=1, initial=0.0) < STRAIGHT * sizes[:, 0]
+    targets[border] += np.where(straight, along, 0.0)[:, None] * axes[:, 0]
+    distance[border] = np.linalg.norm(mesh.vertices[border] - targets[border], axis=1)
+    return distance, targets
 
 
 def _some(points: Array, count: int) -> Indices:

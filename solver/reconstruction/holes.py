@@ -64,6 +64,17 @@ def border_loops(triangles: Indices) -> list[Indices]:
     return loops
 
 
+def without_small_holes(vertices: Array, triangles: Indices, widest: float) -> tuple[Array, Indices]:
+    """Close the holes of a manifold that are at most `widest` wide by fans around their middles."""
+    middles, fans = [vertices], [triangles]
+    for loop in border_loops(triangles):
+        if np.ptp(vertices[loop], axis=0).max() <= widest and pdist(vertices[loop]).max() <= widest:
+            tip = np.full(len(loop), len(vertices) + len(middles) - 1)
+            fans.append(np.stack([np.roll(loop, -1), loop, tip], axis=1))
+            middles.append(vertices[loop].mean(axis=0, keepdims=True))
+    return np.concatenate(middles), np.concatenate(fans)
+
+
 def least_area(border: Array) -> Indices:
     """Triangles of the least total area between the vertices of a closed polygon (n, 3), by dynamic programming."""
     n = len(border)

@@ -28,6 +28,7 @@ from .base import (
     drawn_to_points,
     without_folds,
 )
+from .border_folds import split_over_folds
 from .cleaning import clean
 from .geometry import CloudGeometry, analyse, on_planes
 from .holes import across_holes, faired, narrow_holes
@@ -139,7 +140,7 @@ def make_base_steps(
     else:
         near = border_near_points(near, places, BORDER_SPACINGS * geometry.spacing)
         outside = OUTSIDE_SPACINGS * geometry.spacing + OUTSIDE_LEVELS * geometry.noise
-        near = border_out_to_points(near, places, outside)
+        near = split_over_folds(border_out_to_points(near, places, outside), places, geometry)
     return Base(near.vertices * size + middle, near.triangles, closed, max(holes, 0))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ..arrays import Array, Indices, offsets_of, row_positions, rows_in_order
 from ..mesh.closest_points import Footpoints
@@ -15,6 +16,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.observations import PatchObservations
 from ..patches.patches import Patches
 from ..settings import Settings
+from .tangent_planes import TangentPlanes
 
 POINTS_A_FUNCTION = 2.5
 """A patch may use the polynomials of total degree t when it has this many points for each of them."""
@@ -24,6 +26,12 @@ SCARCE = 4
 
 FILLER_WEIGHT = 0.1
 """Weight of each of a triangle's six, beside that of a point."""
+
+BORDER_SHARES = np.array([[5.0, 1.0], [3.0, 3.0], [1.0, 5.0]]) / 6.0
+"""Places of an edge of the border that are held if no point is near, as shares of its ends."""
+
+BORDER_SPACINGS, BORDER_WEIGHT = 0.5, 0.3
+"""How near, in spacings, and their weight beside that of a point."""
 
 
 @dataclass(frozen=True)
@@ -40,22 +48,25 @@ class ObservedCloud:
         (O,).
     noise
         Standard deviation of the points across the surface.
+    held
+        How many of the last observations keep their places on the base.
     """
 
     points: Array
     feet: Footpoints
     weights: Array
     noise: float
+    held: int = 0
 
     def moved(self, feet: Footpoints, weights: Array) -> ObservedCloud:
         """The same points at other places of the base with other weights, or only the first of them."""
-        count = len(weights)
+        count = min(len(weights), len(self.points) - self.held)
         triangle, barycentric = self.feet.triangle.copy(), self.feet.barycentric.copy()
         triangle[:count], barycentric[:count] = feet.triangle[:count], feet.barycentric[:count]
         return replace(
             self,
             feet=Footpoints(triangle, barycentric),
-            weights=np.concatenate([weights, self.weights[count:]]),
+            weights=np.concatenate([weights[:count], self.weights[count:]]),
         )
 
 
@@ -66,7 +77,7 @@ def fillers(cloud: ObservedCloud, mesh: TriangleMesh) -> Footpoints:
     return Footpoints(np.repeat(scarce, len(SURFACE_SAMPLES)), np.tile(SURFACE_SAMPLES, (len(scarce), 1)))
 
 
-def filled(cloud: ObservedCloud, feet: Footpoints, points: Array) -> ObservedCloud:
+def filled(cloud: ObservedCloud, feet: Footpoints, points: Array, weight: float = FILLER_WEIGHT) -> ObservedCloud:
     """Add fillers at these places and points, with little weight."""
     return replace(
         cloud,
@@ -75,8 +86,28 @@ def filled(cloud: ObservedCloud, feet: Footpoints, points: Array) -> ObservedClo
             np.concatenate([cloud.feet.triangle, feet.triangle]),
             np.concatenate([cloud.feet.barycentric, feet.barycentric]),
         ),
-        weights=np.concatenate([cloud.weights, np.full(len(points), FILLER_WEIGHT)]),
+        weights=np.concatenate([cloud.weights, np.full(len(points), weight)]),
     )
+
+
+def held_at_border(cloud: ObservedCloud, mesh: TriangleMesh, planes: TangentPlanes, spacing: float) -> ObservedCloud:
+    """Hold the surface near the base's border where no points are: it may run on along their planes, without end.
+
+    Such a place of the border is observed on the nearest of the tangent planes around it.
+    """
+    edges = np.flatnonzero(mesh.edge_triangles[:, 1] < 0)
+    triangle = mesh.edge_triangles[edges, 0]
+    ends = (mesh.nodes[triangle][:, :, None] == mesh.edges[edges][:, None]).astype(np.float64)
+    barycentric = np.einsum("eck,sk->esc", ends, BORDER_SHARES).reshape(-1, 3)
+    places = Footpoints(np.repeat(triangle, len(BORDER_SHARES)), barycentric)
+    on_base = places.on(mesh.vertices, mesh.triangles)
+    feet = cloud.feet.on(mesh.vertices, mesh.triangles)
+    alone = cKDTree(feet).query(on_base)[0] > BORDER_SPACINGS * spacing
+    if not alone.any():
+        return cloud
+    alone_at = Footpoints(places.triangle[alone], places.barycentric[alone])
+    held = filled(cloud, alone_at, planes.on_nearest(on_base[alone]), BORDER_WEIGHT)
+    return replace(held, held=int(alone.sum()))
 
 
 class CloudObservations:

@@ -37,7 +37,7 @@ from .geometry import CloudGeometry, analyse
 from .kept_near import kept_near
 from .measured import MEASURING_STEPS, measured
 from .noise import iterations_for_noise, ring_for_noise
-from .observations import CloudObservations, ObservedCloud, filled, fillers, observer
+from .observations import CloudObservations, ObservedCloud, filled, fillers, held_at_border, observer
 from .oscillation import CloudSurface, oscillating_in_cloud
 from .refined import LEAST_GAIN, PATIENCE, ROUNDS, Fitted, ToleranceSought, refined_base
 from .result import Reconstruction
@@ -290,15 +290,18 @@ class _Work:
         """Fill triangles with hardly any points from a coarse fit, whose larger patches reach those with more."""
         places = fillers(observed, self.mesh)
         if not len(places.triangle):
-            return observed
+            return self._held(observed)
         on_base = filled(observed, places, places.on(self.mesh.vertices, self.mesh.triangles))
         settings = replace(self.settings, ring=self.settings.ring + COARSER, iterations=0, sweeps=0)
-        coarse = self._covered(on_base, settings)
+        coarse = self._covered(self._held(on_base), settings)
         yield from coarse.fit()
         on_surface = coarse.representation().evaluate(places.triangle, places.barycentric)
         flat = places.on(self.mesh.vertices, self.mesh.triangles)
         away = self.planes.run_away(on_surface, flat) > 0.0
-        return filled(observed, places, np.where(away[:, None], flat, on_surface))
+        return self._held(filled(observed, places, np.where(away[:, None], flat, on_surface)))
+
+    def _held(self, observed: ObservedCloud) -> ObservedCloud:
+        return held_at_border(observed, self.mesh, self.planes, self.geometry.spacing)
 
     def _weighed(self, surface: CloudSurface) -> Steps[CloudObservations]:
         """Find outliers by a few coarse fits, so that they do not influence the choice of functions."""

@@ -15,6 +15,7 @@ from ..arrays import Array, Booleans, Indices
 from ..mesh.decimation import triangle_shapes
 from ..mesh.edges import connected_parts, edge_keys
 from ..mesh.triangle_mesh import build_mesh
+from .holes import without_small_holes
 from .level_set import Grid, level_set
 
 NEIGHBOURS, MOST_NEIGHBOURS, TREE_NEIGHBOURS = 24, 256, 12
@@ -41,6 +42,9 @@ SMALLEST_CAVITY = 1.5
 SHEET_NEIGHBOURS, SHEET_REACH, NOISE_STEPS = 12, 3.5, 2.0
 """Points whose planes decide the signed distance, steps of the grid within which it counts, and how much longer these
 are in noise, in standard deviations."""
+
+SMALL_HOLE = 3.0
+"""A hole this many steps wide, where points beside a fold happen to be sparse, is closed: nothing is cut off there."""
 
 SMOOTHING_ROUNDS = 40
 
@@ -187,7 +191,8 @@ def sheet(points: Array, spacing: float, noise: float) -> tuple[Array, Indices]:
     along = ((places[:, None] - points[near]) * normals[near]).sum(axis=2)
     signed = (weight * along).sum(axis=1) / weight.sum(axis=1)
     vertices, triangles = level_set(grid, np.where(distance[:, 0] < SHEET_REACH * step, signed, np.nan))
-    vertices, triangles = _trimmed(*_large_parts(vertices, triangles), points, tree)
+    vertices, triangles = without_small_holes(*_large_parts(vertices, triangles), SMALL_HOLE * step)
+    vertices, triangles = _trimmed(vertices, triangles, points, tree)
     return smoothed(vertices, triangles), triangles
 
 

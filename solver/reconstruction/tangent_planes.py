@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Booleans
+from ..arrays import Array, Booleans, Indices
 from .geometry import CloudGeometry, spacings
 
 PLANES = 6
@@ -77,7 +77,17 @@ class TangentPlanes:
 
     def distance(self, positions: Array) -> Array:
         """Distance of positions (N, 3) from the nearest of the planes of the points around them, (N,)."""
+        distance: Array = np.abs(self._heights(positions)[0]).min(axis=1)
+        return distance
+
+    def on_nearest(self, positions: Array) -> Array:
+        """Positions (N, 3), moved onto the nearest of the planes of the points around them."""
+        height, near = self._heights(positions)
+        nearest = np.arange(len(positions)), np.abs(height).argmin(axis=1)
+        return positions - height[nearest][:, None] * self._normals[near[nearest]]
+
+    def _heights(self, positions: Array) -> tuple[Array, Indices]:
+        """Heights of positions (N, 3) over the planes of the points around them, and these points, (N, k) each."""
         near = self._tree.query(positions, k=min(PLANES, len(self._points)))[1].reshape(len(positions), -1)
         offset = positions[:, None] - self._points[near]
-        distance: Array = np.abs((offset * self._normals[near]).sum(axis=2)).min(axis=1)
-        return distance
+        return (offset * self._normals[near]).sum(axis=2), near
