@@ -30,6 +30,10 @@ SHORTEST_CHAIN = 12
 STEEP = 75.0
 """Edges that bend by this, degrees, need less contrast: rods of six sides, which may mean round ones, bend less."""
 
+FLAT, FEWEST_BESIDE = 0.1, 4
+"""Triangles that bend by less, degrees, are one flat face; how many triangles the faces on both sides of a rim that may
+be short must have: in wild noise two are flat by chance."""
+
 
 @dataclass(frozen=True)
 class PotentialCreases:
@@ -61,7 +65,7 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     Beside an edge are the four other edges of its triangles, and the four edges on the lines parallel to it, one strip
     of triangles away; of each four the second smallest counts.  Edges around a wall that is one strip wide need not
     bend more than each other, and what lies beyond them counts as bent: the wall may be round.  Chains of connected
-    edges need 12 of them.
+    edges need 12 of them, unless they are closed rims of flat faces.
     """
     dihedral = dihedrals(mesh)
     bend = np.where(mesh.triangle_edges >= 0, dihedral[mesh.triangle_edges], 0.0)
@@ -69,7 +73,8 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     bent = dihedral[paired] >= LEAST_DIHEDRAL
     edges, sides = paired[bent], mesh.paired_sides[bent]
     others = np.sort(_other_edges(bend, sides), axis=1)
-    steep = _steep_edges(mesh, dihedral, bend, (edges, sides), others[:, 2])
+    rims = _rims_of_flat_faces(mesh, dihedral) & mesh.named_by_vertices
+    steep = _steep_edges(mesh, dihedral, bend, (edges, sides), others[:, 2]) | rims
     alone = dihedral[edges] >= CONTRAST * np.maximum(others[:, 1], CALM)
     edges, sides = edges[alone], sides[alone]
     parallel = np.sort(_parallel_edges(mesh, bend, sides, steep), axis=1)
@@ -80,8 +85,43 @@ def potential_creases(mesh: TriangleMesh) -> PotentialCreases:
     ends = mesh.edges[candidates]
     count, part = connected_parts(ends[:, 0], ends[:, 1], mesh.node_count)
     sizes = np.bincount(part[ends[:, 0]], minlength=count)
-    chain[candidates] = np.where(sizes >= SHORTEST_CHAIN, np.arange(count), -1)[part[ends[:, 0]]]
+    long = sizes >= SHORTEST_CHAIN
+    long[part[mesh.edges[rims, 0]]] = True
+    chain[candidates] = np.where(long, np.arange(count), -1)[part[ends[:, 0]]]
     return PotentialCreases(dihedral, chain, steep)
+
+
+def _rims_of_flat_faces(mesh: TriangleMesh, dihedral: Array) -> Booleans:
+    """Edges of closed rims that bend by 75 degrees or more all along, between flat faces of several triangles, (E,).
+
+    They may have any number of sides: those of a hole with six corners in a plate, of a bolt's head, of a box.
+    """
+    found = np.zeros(len(dihedral), dtype=bool)
+    if not (dihedral >= STEEP).any():
+        return found
+    paired = mesh.edge_triangles[:, 1] >= 0
+    flat = (dihedral < FLAT) & paired
+    one, other = mesh.edge_triangles[flat].T
+    _, face = connected_parts(one, other, len(mesh.triangles))
+    size = np.bincount(face)
+    # a side of each triangle, by its face, where that ends: sides of one face that share a node are one rim
+    triangle, corner = np.nonzero(mesh.triangle_edges >= 0)
+    edge = mesh.triangle_edges[triangle, corner]
+    ends = ~flat[edge]
+    triangle, edge = triangle[ends], edge[ends]
+    beside = face[mesh.edge_triangles[edge]]
+    good = (dihedral[edge] >= STEEP) & (size[beside].sum(axis=1) >= FEWEST_BESIDE) & (beside[:, 0] != beside[:, 1])
+    own = face[triangle]
+    asked = np.isin(own, own[good])
+    edge, own, good = edge[asked], own[asked], good[asked]
+    keys = own[:, None] * np.int64(mesh.node_count) + mesh.edges[edge]
+    _, node = np.unique(keys, return_inverse=True)
+    node = node.reshape(-1, 2)
+    count, rim = connected_parts(node[:, 0], node[:, 1], int(node.max(initial=-1)) + 1)
+    whole = np.ones(count, dtype=bool)
+    whole[rim[node[~good, 0]]] = False
+    found[edge[whole[rim[node[:, 0]]]]] = True
+    return found & paired
 
 
 def _steep_edges(
