@@ -36,9 +36,9 @@ SETTINGS = {
     "free domains": {"beta1": 0.0, "beta2": 0.0, "iterations": 5},
     "stiff domains": {"beta1": 1e3, "beta2": 1e3},
 }
-TIPPING = {"matching pursuit": 0.02}
-"""Where rounding decides between functions that are almost as good, eight patches differ by more than half a percent;
-forty of them by a tenth of it."""
+TIPPING = {"matching pursuit"}
+"""Where rounding decides between functions that are almost as good: NumPy's own fits differ by tenths where values differ
+in their thirteenth digit, and so on each machine.  The kernel's have to lie among those."""
 
 
 def problems(settings: Settings, **changes: object) -> list[Problem]:
@@ -70,15 +70,28 @@ def warm(given: list[Problem], fits: list[PatchFit]) -> list[Problem]:
     ]
 
 
+def by_perturbed_numpy(given: list[Problem], settings: Settings) -> list[list[PatchFit]]:
+    """Fits of NumPy to values that differ in their thirteenth digit, ten times."""
+    found = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        moved = [replace(one, values=one.values * (1.0 + 1e-13 * rng.normal(size=one.values.shape))) for one in given]
+        found.append(by_numpy.fit_chunk(task_of(moved, settings)))
+    return found
+
+
 @pytest.mark.parametrize("name", SETTINGS)
 def test_errors_and_energies_are_those_of_numpy(instructions: str, name: str) -> None:
     settings = Settings(**SETTINGS[name]).resolved()  # type: ignore[arg-type]
     given = problems(settings)
     expected, fits = both(task_of(given, settings), instructions)
-    assert rms(given, fits) == pytest.approx(rms(given, expected), rel=TIPPING.get(name, 5e-3), abs=1e-9)
-    for fit, other in zip(fits, expected, strict=True):
+    spread = by_perturbed_numpy(given, settings) if name in TIPPING else [expected]
+    errors = np.array([rms(given, each) for each in spread])
+    assert abs(rms(given, fits) - errors.mean()) <= 5e-3 * errors.mean() + 1e-9 + 4.0 * errors.std()
+    energies = np.array([[fit.energy[-1] for fit in each] for each in spread])
+    for fit, other, energy in zip(fits, expected, energies.T, strict=True):
         assert fit.energy.shape == fit.squared_error.shape == (max(settings.iterations, 1),)
-        assert fit.energy[-1] == pytest.approx(other.energy[-1], rel=0.1, abs=1e-9)
+        assert abs(fit.energy[-1] - energy.mean()) <= 0.1 * energy.mean() + 1e-9 + 4.0 * energy.std()
         np.testing.assert_allclose(fit.initial_domain, other.initial_domain, atol=1e-9)
 
 
