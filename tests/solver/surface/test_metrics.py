@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import Settings, approximate
 from sparse_surface.solver.mesh.sampling import MEASURED_SAMPLES
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from sparse_surface.solver.surface.metrics import (
     domain_changes,
+    faces_turned,
     normal_error,
     seam,
     statistics,
@@ -38,6 +40,34 @@ def test_measures_see_a_shift_as_what_it_is():
     moved = shifted.at_vertices() - representation.at_vertices()
     np.testing.assert_allclose(moved, np.tile([0.0, 0.0, 0.25], (len(vertices), 1)), atol=1e-12)
     assert seam(shifted) < 1e-12
+
+
+def test_polygons_that_turn_by_more_than_a_right_angle_are_counted():
+    """Triangles, quads and pentagons far from the origin, each turned about its first edge by an angle of its own."""
+    angles = np.radians([10.0, 95.0, 80.0, 120.0, 180.0, 60.0, 89.0, 91.0])
+    sizes = np.array([3, 4, 5, 4, 3, 5, 4, 3])
+    before, after = [], []
+    for size, angle in zip(sizes, angles, strict=True):
+        around = 2.0 * np.pi * np.arange(size) / size
+        flat = np.stack([np.cos(around), np.sin(around), np.zeros(size)], axis=1)
+        axis = flat[1] - flat[0]
+        turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+        before.append(flat + 1e4)
+        after.append(turn.apply(flat - flat[0]) + flat[0] + 1e4)
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    one, other = np.concatenate(before), np.concatenate(after)
+    assert faces_turned(one, other, offsets, np.arange(len(one))) == (np.degrees(angles) > 90.0).sum() == 4
+    assert faces_turned(one, one, offsets, np.arange(len(one))) == 0
+
+
+def test_triangles_without_area_have_no_normal_error():
+    """One of two is flat in the first mesh; the other one turns by 30 degrees."""
+    before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]])
+    after = Rotation.from_euler("x", 30.0, degrees=True).apply(before)
+    after[3, 2] += 1.0
+    triangles = np.array([[0, 1, 2], [0, 1, 3]])
+    assert normal_error(before, after, triangles) == pytest.approx(30.0)
+    assert normal_error(after, before, triangles) == pytest.approx(30.0)
 
 
 def test_normals_of_a_turned_mesh_are_off_by_the_angle():
