@@ -37,8 +37,8 @@ SETTINGS = {
     "stiff domains": {"beta1": 1e3, "beta2": 1e3},
 }
 TIPPING = {"matching pursuit"}
-"""Where rounding decides between functions that are almost as good: NumPy's own fits differ by tenths where values differ
-in their thirteenth digit, and so on each machine.  The kernel's have to lie among those."""
+"""Where rounding decides between functions that are almost as good: NumPy's own fits differ by tenths where values
+differ in their thirteenth digit, and so on each machine.  The kernel's have to lie among those."""
 
 
 def problems(settings: Settings, **changes: object) -> list[Problem]:
