@@ -57,7 +57,7 @@ def cut_along_creases(
     Also says whether `FINISH` was sent; then it stays as it is, too.
     """
     creases, hurry = yield from _shown_creases(mesh, observe, settings, runner)
-    give_back()  # what was fitted is forgotten
+    give_back(len(mesh.vertices))  # what was fitted is forgotten
     return mesh if hurry or not creases.any() else cut_along(mesh, creases), hurry
 
 

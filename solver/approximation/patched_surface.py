@@ -257,7 +257,7 @@ class PatchedSurface(Generic[Observing]):
 
     def _forget_data(self) -> None:
         self._observations = self._native = self._blended = self._order = self.preview = None
-        give_back()
+        give_back(len(self.mesh.vertices))
 
     @property
     def blended(self) -> Array:
