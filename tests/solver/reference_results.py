@@ -3,8 +3,10 @@
     python tests/solver/reference_results.py            compare
     python tests/solver/reference_results.py --record   record, after a change that is meant to change bytes
 
-Rounding differs between processors and libraries.  So hashes are compared only where they were recorded, and
-elsewhere a few figures of each result are, to the digits that rounding leaves alone.
+Rounding differs between processors and libraries.  So hashes are compared only on machines of a kind on which they
+were recorded, and elsewhere a few figures of each result are: they have to be, to the digits that rounding leaves
+alone, those of one kind of machine.  Where two functions are equally good, rounding decides which one is taken; the
+cube's error differs by four percent between processors with and without AVX-512.
 """
 
 from __future__ import annotations
@@ -27,6 +29,9 @@ from sparse_surface.solver import CloudSettings, Settings, approximate, reconstr
 from threadpoolctl import threadpool_info
 
 RECORD = Path(__file__).with_suffix(".json")
+ROUNDING = 1e-3
+"""Share by which errors may differ between machines."""
+
 VARYING = ("seconds", "peak_memory_mb", "workers", "numpy_reason")
 ARRAYS = (
     "vertices",
@@ -150,24 +155,41 @@ def main() -> int:
     parser.add_argument("--record", action="store_true")
     parser.add_argument("names", nargs="*", help="some cases; all where there are none")
     options = parser.parse_args()
-    record = json.loads(RECORD.read_text()) if RECORD.exists() else {"results": {}}
-    here = machine()
+    machines = json.loads(RECORD.read_text())["machines"] if RECORD.exists() else {}
+    own = machines.setdefault(machine(), {})
     changed = 0
     for name in options.names or CASES:
         found = digest(CASES[name](1))
-        before = record["results"].get(name)
+        before = own.get(name)
         same = before == found
         changed += not same
         print(f"{name}: {'as recorded' if same else 'CHANGED'}", flush=True)
         if not same:
             print(f"   {before}\n   {found}")
-        record["results"][name] = found
+            own[name] = found
+            for other in machines.values():
+                if other is not own:
+                    forget(other, name, before, found)
     if options.record:
-        record["machine"] = here
-        RECORD.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
-    elif record.get("machine") != here:
-        print(f"recorded on another machine: {record.get('machine')}; this is {here}")
+        RECORD.write_text(json.dumps({"machines": machines}, indent=1, sort_keys=True) + "\n")
     return 0 if options.record or not changed else 1
+
+
+def forget(results: dict[str, Any], name: str, before: dict[str, Any] | None, now: dict[str, Any]) -> None:
+    """Forget of another machine's result what changed here: its bytes, and the whole result if its figures did."""
+    if name not in results or before is None:
+        return
+    results[name]["hash"] = ""
+    if not alike(before, now):
+        del results[name]
+
+
+def alike(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two results have the same figures but for rounding."""
+    same = all(one[key] == other[key] for key in ("keys", "patches"))
+    return same and all(
+        abs(one[key] - other[key]) <= ROUNDING * other[key] + 1e-9 for key in ("vertex_rms", "surface_rms")
+    )
 
 
 if __name__ == "__main__":

@@ -5,23 +5,19 @@ from __future__ import annotations
 import json
 
 import pytest
-from reference_results import CASES, RECORD, digest, machine
+from reference_results import CASES, RECORD, alike, digest, machine
 
-RECORDED = json.loads(RECORD.read_text(encoding="utf-8"))
-ROUNDING = 1e-3
-"""Share by which errors may differ between machines: a pursuit may take another function where two are equally good."""
+RECORDED = json.loads(RECORD.read_text(encoding="utf-8"))["machines"]
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_results_are_as_recorded(name: str) -> None:
-    found, recorded = digest(CASES[name](1)), RECORDED["results"][name]
-    if machine() == RECORDED["machine"]:
-        assert found == recorded
+    found, own = digest(CASES[name](1)), RECORDED.get(machine(), {}).get(name)
+    if own is not None and own["hash"]:
+        assert found == own
         return
-    assert found["keys"] == recorded["keys"]
-    assert found["patches"] == recorded["patches"]
-    for measure in ("vertex_rms", "surface_rms"):
-        assert found[measure] == pytest.approx(recorded[measure], rel=ROUNDING, abs=1e-9)
+    known = [results[name] for results in RECORDED.values() if name in results]
+    assert any(alike(found, each) for each in known), (found, known)
 
 
 @pytest.mark.parametrize("name", ["cube_paper", "cube_tolerance", "noisy_ball_robust"])
