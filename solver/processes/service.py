@@ -30,8 +30,9 @@ from .memory import peak_memory_mb
 
 SECONDS_BETWEEN_MESSAGES = 0.05
 SECONDS_BETWEEN_PREVIEWS = 0.5
-PREVIEW_REST = 20.0
-"""The next preview comes no earlier than this many times the seconds that one took: they must not slow the work."""
+PREVIEW_REST = 5.0
+"""The next preview comes no earlier than this many times the processor seconds of the last one: a large mesh is solved,
+too, not only shown."""
 
 
 class Answer(NamedTuple):
@@ -127,8 +128,9 @@ class _Reporter:
         now = time.monotonic()
         surface = None
         if self.previews and step.surface is not None and now >= self._next_shown:
+            before = time.thread_time()
             surface = partial(np.asarray, step.surface().astype(np.float32))
-            took = time.monotonic() - now
+            took = time.thread_time() - before
             self._next_shown = now + max(SECONDS_BETWEEN_PREVIEWS, PREVIEW_REST * took)
         if surface or step.stage != self._stage or now - self._sent >= SECONDS_BETWEEN_MESSAGES:
             self._stage, self._sent = step.stage, now
