@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, largest_of, length_of, offsets_of, rows_at, runs_of_rows, slices_of
+from ..arrays import Array, Booleans, Indices, length_of, offsets_of, rows_at, runs_of_rows, slices_of
 from ..mesh.sampling import SURFACE_SAMPLES, points_inside, triangle_grid
 from ..native import surface as native
 from ..patches.observations import MeshObservations
@@ -146,8 +146,7 @@ class UnevenTriangles:
 
         all_done(each, measure, slices_of(len(sides), OBSERVED_AT_ONCE))
         median = _medians(sides, offsets)
-        seen = largest_of(representation.corner_weights) > 0.0
-        return cls(seen & (sides > UNEVEN * np.repeat(median, np.diff(offsets))), representation)
+        return cls(representation.weighty & (sides > UNEVEN * np.repeat(median, np.diff(offsets))), representation)
 
     def largest_error(self, surface: MeshSurface, patch: int) -> float:
         """Largest error of a patch on its uneven triangles, scene units."""
@@ -178,7 +177,7 @@ def errors_between(surface: MeshSurface) -> Array:
     if functions is not None:
         where = representation.native_blend
         if representation.blending == "uniform":
-            where = where._replace(weights=representation.weights[representation.corners])
+            where = where._replace(weights=representation.weights, shares=None)
         errors = np.empty(len(where.corners))
 
         def measure(run: tuple[int, int]) -> None:

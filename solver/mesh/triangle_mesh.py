@@ -289,7 +289,8 @@ def _topology(
 
 
 def _adjacency(edges: Indices, count: int) -> csr_array:
-    both = np.concatenate((edges, edges[:, ::-1]))
-    adjacency = coo_array((np.ones(len(both), dtype=np.int8), (both[:, 0], both[:, 1])), shape=(count, count)).tocsr()
+    one, other = np.ascontiguousarray(edges.T, dtype=np.int32 if count < 2**31 else np.int64)
+    both = np.concatenate([one, other]), np.concatenate([other, one])
+    adjacency = coo_array((np.ones(2 * len(one), dtype=np.int8), both), shape=(count, count)).tocsr()
     adjacency.data[:] = 1
     return adjacency

@@ -39,9 +39,10 @@ static void find_places(const Blend *blend, const Parts *parts, const int64_t *p
                         int lanes, Places *places) {
     for (int n = 0; n < lanes; n++) {
         int own = n < count ? n : count - 1;
-        const double *corners = parts->corners + 9 * part[own], *weights = blend->weights + 3 * held[own];
+        const double *corners = parts->corners + 9 * part[own];
         const int64_t *corner = parts->triangles + 3 * parts->triangle[part[own]];
-        double at[3];
+        double at[3], weights[3];
+        weights_at(blend, held[own], weights);
         at_part(corners, weights[0], weights[1], weights[2], at);
         for (int k = 0; k < 3; k++) places->weight[k][n] = at[k];
         for (int axis = 0; axis < 3; axis++) {
@@ -58,7 +59,7 @@ static void place_parts(const Blend *blend, const Parts *parts, const int64_t *p
     const double *domain = blend->domains + 2 * (size_t)channel * blend->vertex_count;
     for (int n = 0; n < own->lanes; n++) {
         int pair = n < count ? n : count - 1;
-        const int64_t *corner = blend->corners + 3 * held[pair];
+        const int32_t *corner = blend->corners + 3 * held[pair];
         for (int x = 0; x < 2; x++) {
             double at[3];
             at_part(parts->corners + 9 * part[pair], domain[2 * corner[0] + x], domain[2 * corner[1] + x],

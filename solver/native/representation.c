@@ -18,8 +18,9 @@ typedef struct {
     int64_t patches, vertex_count;   /* K, M */
     const int64_t *triangle_offsets; /* (K + 1): patch triangles of each patch */
     const int64_t *mesh_triangles;   /* (S) */
-    const int64_t *corners;          /* (S, 3): patch vertices */
-    const double *weights;           /* (S, 3): blending weights at the corners */
+    const int32_t *corners;          /* (S, 3): patch vertices */
+    const double *weights;           /* (M): blending weights of the patch vertices */
+    const double *shares;            /* (T): factor of the weights on each mesh triangle; NULL for ones */
     const double *domains;           /* (C, M, 2) */
 } Blend;
 
@@ -29,6 +30,7 @@ typedef struct {
     double *place_u, *place_v;                 /* (POINTS) */
     double *u, *v, *slope_u, *slope_v;         /* (t + 1, POINTS) */
     double *value, *along_u, *along_v, *share; /* (POINTS) */
+    double *weight;                            /* (POINTS, 3): at the corners of the points' triangles */
     int64_t *point, *triangle;                 /* (POINTS): which points these are, and where */
 } Block;
 
@@ -41,6 +43,7 @@ static void lay_out_block(const Functions *functions, Block *block, Arena *arena
     for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) *rows[k] = take_doubles(arena, POINTS);
     double **tables[] = {&block->u, &block->v, &block->slope_u, &block->slope_v};
     for (size_t k = 0; k < sizeof tables / sizeof *tables; k++) *tables[k] = take_doubles(arena, table);
+    block->weight = take_doubles(arena, 3 * POINTS);
     block->point = take(arena, POINTS, sizeof(int64_t));
     block->triangle = take(arena, POINTS, sizeof(int64_t));
     if (arena->memory) dictionary_degrees((int)functions->degree, block->degree_u, block->degree_v);
@@ -118,6 +121,13 @@ int ENTRY(patch_values)(const Functions *functions, int64_t first, int64_t count
     return DONE;
 }
 
+/* Blending weights (3) at the corners of a patch triangle. */
+static void weights_at(const Blend *blend, int64_t triangle, double *weight) {
+    const int32_t *corner = blend->corners + 3 * triangle;
+    double share = blend->shares ? blend->shares[blend->mesh_triangles[triangle]] : 1.0;
+    for (int k = 0; k < 3; k++) weight[k] = blend->weights[corner[k]] * share;
+}
+
 /* Add the part phi h of one coordinate to the points (N, 3), or (N, 9) with the derivatives along the edges 0 -> 1 and
  * 0 -> 2 of the triangle. */
 static void add_coordinate(const Functions *functions, const Blend *blend, Block *block, int64_t patch, int channel,
@@ -134,8 +144,8 @@ static void add_coordinate(const Functions *functions, const Blend *blend, Block
     for (int n = 0; n < count; n++) {
         double value = block->value[n] / scale + origin, share = block->share[n];
         double *out = points + (size_t)block->point[n] * width + axis;
-        const int64_t *corner = blend->corners + 3 * block->triangle[n];
-        const double *weight = blend->weights + 3 * block->triangle[n], *from = domain + 2 * corner[0];
+        const int32_t *corner = blend->corners + 3 * block->triangle[n];
+        const double *weight = block->weight + 3 * n, *from = domain + 2 * corner[0];
         out[0] += share * value;
         for (int k = 1; tangents && k < 3; k++) {
             const double *to = domain + 2 * corner[k];
@@ -148,7 +158,9 @@ static void add_coordinate(const Functions *functions, const Blend *blend, Block
 /* Weights of a patch at the points of a block; `inside` (N, 3) are the barycentric coordinates of all points. */
 static void weigh_block(const Blend *blend, Block *block, int count, const double *inside) {
     for (int n = 0; n < count; n++) {
-        const double *at = inside + 3 * block->point[n], *weight = blend->weights + 3 * block->triangle[n];
+        const double *at = inside + 3 * block->point[n];
+        double *weight = block->weight + 3 * n;
+        weights_at(blend, block->triangle[n], weight);
         block->share[n] = at[0] * weight[0] + at[1] * weight[1] + at[2] * weight[2];
     }
 }
@@ -158,7 +170,7 @@ static void place_block(const Blend *blend, Block *block, int channel, int count
     const double *domain = blend->domains + 2 * (size_t)channel * blend->vertex_count;
     for (int n = 0; n < count; n++) {
         const double *at = inside + 3 * block->point[n];
-        const int64_t *corner = blend->corners + 3 * block->triangle[n];
+        const int32_t *corner = blend->corners + 3 * block->triangle[n];
         const double *one = domain + 2 * corner[0], *two = domain + 2 * corner[1], *three = domain + 2 * corner[2];
         block->place_u[n] = at[0] * one[0] + at[1] * two[0] + at[2] * three[0];
         block->place_v[n] = at[0] * one[1] + at[1] * two[1] + at[2] * three[1];

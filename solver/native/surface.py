@@ -40,17 +40,20 @@ class Blend(NamedTuple):
     ----------
     triangle_offsets, mesh_triangles
         Which patch triangles belong to each patch, (K + 1,), and the mesh triangle that each is, (S,).
-    corners, weights
-        Patch vertices at the corners of the patch triangles, and blending weights there, (S, 3).
-    domains
-        Domains, (C, M, 2).
+    corners
+        Patch vertices at the corners of the patch triangles, (S, 3).
+    weights, domains
+        Blending weights (M,) and domains (C, M, 2) of the patch vertices.
+    shares
+        What the weights are multiplied by on each mesh triangle, (T,); None for ones.
     """
 
     triangle_offsets: Indices
     mesh_triangles: Indices
-    corners: Indices
+    corners: NDArray[np.integer[Any]]
     weights: Array
     domains: Array
+    shares: Array | None = None
 
 
 class Holders(NamedTuple):
@@ -77,7 +80,8 @@ class _Functions(Structure):
 class _Blend(Structure):
     _fields_ = (
         *((name, c_int64) for name in ("patches", "vertex_count")),
-        *((name, c_void_p) for name in ("triangle_offsets", "mesh_triangles", "corners", "weights", "domains")),
+        *((name, c_void_p) for name in ("triangle_offsets", "mesh_triangles", "corners")),
+        *((name, c_void_p) for name in ("weights", "shares", "domains")),
     )
 
 
@@ -126,8 +130,9 @@ class Memory:
             own.domains.shape[1],
             self.whole(own.triangle_offsets),
             self.whole(own.mesh_triangles),
-            self.whole(own.corners),
+            self.short(own.corners),
             self.real(own.weights),
+            None if own.shares is None else self.real(own.shares),
             self.real(own.domains),
         )
 

@@ -261,7 +261,7 @@ class _ErrorModel:
         part, held = part[order], held[order]
         values = np.zeros((len(parts.triangle), len(lattice.places), 3))
         remainder = np.zeros((len(parts.triangle), 3))
-        weights = np.matmul(parts.corners[part], surface.corner_weights[held][:, :, None])[:, :, 0]
+        weights = np.matmul(parts.corners[part], surface.corner_weights(held)[:, :, None])[:, :, 0]
         flat = np.matmul(parts.corners[part], self.flat[surface.triangles[parts.triangle[part]]])
         taylor, left_out = self._patches_values(held, parts.corners[part], lattice)
         taylor -= np.matmul(lattice.places, flat)

@@ -26,9 +26,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from ..arrays import Array, Indices, any_of, slices_of
 from ..mesh.topology import fans_between_creases, mean_over_nodes
@@ -73,7 +75,7 @@ class Fans:
             return cls(triangles, np.arange(vertices), np.zeros((0, 2), dtype=np.int64))
         return cls(*fans_between_creases(triangles, creases, vertices))
 
-    def of_patches(self, vertices: Indices, corners: Indices, triangles: Indices) -> Indices:
+    def of_patches(self, vertices: Indices, corners: NDArray[np.integer[Any]], triangles: Indices) -> Indices:
         """Node of each patch vertex, (M,), from its vertex and the patch triangles' corners and mesh triangles."""
         nodes = vertices.copy()
         if len(self.sides):

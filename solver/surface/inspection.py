@@ -141,7 +141,7 @@ def face_patches(representation: Representation) -> Indices:
     count = len(representation.face_offsets) - 1
     faces = representation.polygon[representation.mesh_triangles]
     key, which = np.unique(faces * representation.patches + representation.patch_of_triangle, return_inverse=True)
-    score = np.bincount(which, weights=representation.corner_weights.sum(axis=1))
+    score = np.bincount(which, weights=representation.corner_weights().sum(axis=1))
     held = np.bincount(which)
     face, patch = np.divmod(key, max(representation.patches, 1))
     whole = (held == np.bincount(representation.polygon, minlength=count)[face]) & (score > 0.0)

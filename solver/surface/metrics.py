@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,7 +225,7 @@ def domain_changes(representation: Representation, faces: int, each: Each = map)
     return np.maximum(by_face, 1.0), flips
 
 
-def _jacobians(start: Array, domain: Array, corners: Indices) -> tuple[Array, Booleans]:
+def _jacobians(start: Array, domain: Array, corners: NDArray[np.integer[Any]]) -> tuple[Array, Booleans]:
     """Jacobians of the maps that take triangles from one domain to another, (2, 2, S), and which had an area, (S,)."""
     (one, other), (moved, moved_other) = (_edges_from_first(own, corners) for own in (start, domain))
     doubled = one[0] * other[1] - one[1] * other[0]
@@ -235,7 +236,7 @@ def _jacobians(start: Array, domain: Array, corners: Indices) -> tuple[Array, Bo
     return np.stack([along_u, along_v], axis=1), known
 
 
-def _edges_from_first(domain: Array, corners: Indices) -> tuple[Array, Array]:
+def _edges_from_first(domain: Array, corners: NDArray[np.integer[Any]]) -> tuple[Array, Array]:
     """Edges of triangles from their first corner to the two others, (2, S) each."""
     a, b, c = (np.ascontiguousarray(rows_at(domain, corner).T) for corner in corners.T)
     return b - a, c - a

@@ -9,10 +9,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, Indices, largest_of, rows_at, rows_in_order, runs_of_rows
+from ..arrays import Array, Booleans, Indices, any_of, rows_at, runs_of_rows
 from ..fitting.dictionary import Dictionary, coefficient_grid, combine
 from ..mesh.edges import stable_order
 from ..mesh.normals import unit
@@ -20,13 +19,14 @@ from ..native import surface as native
 from ..native.library import reason_against
 from ..processes.each import Each
 from .closing import ROUNDING, Closing, Fans
+from .corners import corners_in_order, holders_of
 from .flat import checked_places, flat_part
 from .saved import Saved
 
 POINTS_AT_ONCE = 2048
 """Points that a patch evaluates together; their tables stay in a processor's cache."""
 
-COVER_ALONE = "fans", "corners", "patch_of_triangle", "corner_weights", "input_weights", "holders"
+COVER_ALONE = "fans", "corners", "patch_of_triangle", "shares", "input_weights", "holders"
 """What follows from triangles, patches and weights, not from positions or functions."""
 
 
@@ -141,55 +141,58 @@ class Representation(Saved):
         return Closing.of(self.fans, self.triangles, self.degree, surface, each)
 
     @cached_property
-    def corners(self) -> Indices:
+    def corners(self) -> NDArray[np.int32]:
         """Patch vertices, counted over all patches, at the corners of the patch triangles, (S, 3).
 
         In the order of the mesh triangle's corners: a patch turns triangles that are wound against its orientation.
         """
-        counts = np.diff(self.triangle_offsets)
-        own = self.patch_triangles + np.repeat(self.vertex_offsets[:-1], counts)[:, None]
-        return rows_in_order(own, rows_at(self.patch_vertices, own), rows_at(self.triangles, self.mesh_triangles))
+        vertices, triangles = (self.vertex_offsets, self.patch_vertices), (self.mesh_triangles, self.triangles)
+        return corners_in_order(self.patch_triangles, vertices, self.triangle_offsets, *triangles)
 
     @cached_property
     def patch_of_triangle(self) -> Indices:
         """Patch of each patch triangle, (S,)."""
         return np.repeat(np.arange(self.patches), np.diff(self.triangle_offsets))
 
-    @cached_property
-    def corner_weights(self) -> Array:
-        """Blending weight of each patch triangle's patch at its corners, (S, 3): phi_k is linear between them.
+    def corner_weights(self, which: Indices | slice = slice(None)) -> Array:
+        """Blending weight of patch triangles' patches at their corners, (n, 3): phi_k is linear between them.
 
         With uniform blending each triangle averages the patches that hold it, whatever other patches hold its corners.
         """
-        weights = rows_at(self.weights, self.corners)
-        if self.blending == "uniform":
-            holders = np.bincount(self.mesh_triangles, minlength=len(self.triangles))
-            weights = (weights > 0.0) / holders[self.mesh_triangles, None]
-        return weights
+        return np.stack([self._weights_at(corner, which) for corner in range(3)], axis=1)
+
+    def _weights_at(self, corner: int, which: Indices | slice = slice(None)) -> Array:
+        weights = rows_at(self.weights, self.corners[which, corner])
+        return weights if self.shares is None else (weights > 0.0) * self.shares[self.mesh_triangles[which]]
+
+    @cached_property
+    def shares(self) -> Array | None:
+        """With uniform blending the weight of each patch on each mesh triangle, (T,)."""
+        holders = np.bincount(self.mesh_triangles, minlength=len(self.triangles))
+        return 1.0 / np.maximum(holders, 1) if self.blending == "uniform" else None
+
+    @property
+    def weighty(self) -> Booleans:
+        """Which patch triangles have some weight, (S,)."""
+        return any_of(rows_at(self.weights > 0.0, self.corners))
 
     @cached_property
     def holders(self) -> native.Holders:
         """The patch triangles with weight over each mesh triangle."""
-        weighty = np.flatnonzero(largest_of(self.corner_weights) > 0.0)
-        offsets = np.searchsorted(weighty, self.triangle_offsets)
-        shape = self.patches, len(self.triangles)
-        by_patch = csr_array((weighty, self.mesh_triangles[weighty], offsets), shape=shape)
-        by_triangle = by_patch.tocsc()  # sorts by counting
-        held, patch = (own.astype(np.int32, copy=False) for own in (by_triangle.data, by_triangle.indices))
-        return native.Holders(by_triangle.indptr.astype(np.int64), held, patch)
+        return holders_of(self.weighty, self.triangle_offsets, self.mesh_triangles, len(self.triangles))
 
     @cached_property
     def _corner_table(self) -> tuple[Array, Array]:
         """`corner_weights` and domains of the patch triangles with the points last, (3, S) and (3, 2, C, S)."""
         domains = self.domains[:, self.corners].transpose(2, 3, 0, 1)
-        return np.ascontiguousarray(self.corner_weights.T), np.ascontiguousarray(domains)
+        return np.ascontiguousarray(self.corner_weights().T), np.ascontiguousarray(domains)
 
     @cached_property
     def input_weights(self) -> Array:
         """Weight of the input itself at the triangles' corners, (T, 3): what the patches leave."""
-        count = len(self.triangles)
-        columns = [np.bincount(self.mesh_triangles, weights=w, minlength=count) for w in self.corner_weights.T]
-        left = np.ones((count, 3)) - np.stack(columns, axis=1)
+        left = np.ones(self.triangles.shape)
+        for corner, column in enumerate(left.T):
+            column -= np.bincount(self.mesh_triangles, weights=self._weights_at(corner), minlength=len(left))
         left[left < ROUNDING] = 0.0
         return left
 
@@ -198,14 +201,15 @@ class Representation(Saved):
         """The patches' functions as the compiled kernel takes them; None where NumPy evaluates them."""
         if self.solver != "native" or reason_against():
             return None
-        basis = self.basis == "legendre"
-        return native.Functions(self.support, self.coefficients, self.origins, self.scales, self.degree, basis)
+        own = self.support, self.coefficients, self.origins, self.scales, self.degree
+        return native.Functions(*own, self.basis == "legendre")
 
     @cached_property
     def native_blend(self) -> native.Blend:
         """Where the patches lie and count, as the compiled kernel takes it."""
-        weights = self.corner_weights
-        return native.Blend(self.triangle_offsets, self.mesh_triangles, self.corners, weights, self.domains)
+        weights = self.weights if self.shares is None else (self.weights > 0.0).astype(np.float64)
+        triangles = self.triangle_offsets, self.mesh_triangles, self.corners
+        return native.Blend(*triangles, weights, self.domains, self.shares)
 
     @cached_property
     def grids(self) -> Array:
@@ -248,14 +252,12 @@ class Representation(Saved):
             yield rows, values
 
     def _patchwise(self, first: int, offsets: Indices, domain: Array, values: Array) -> None:
-        """Put the values of patches from `first` on at parameters (C, N, 2), split at `offsets`, into `values` (N, 3).
-
-        The polynomials' tables are computed for many patches at once, because single patches are expensive.
-        """
+        """Put values of patches from `first` on at parameters (C, N, 2), split at `offsets`, into `values` (N, 3)."""
         offsets = offsets - offsets[0]
         if self.native_functions is not None:
             values[:] = native.patch_values(self.native_functions, first, offsets, domain)
             return
+        # tables for many patches at once, because single patches are expensive
         u, v = self.dictionary.tables(np.moveaxis(domain, -1, 0))
         for patch, (start, stop) in enumerate(pairwise(offsets), first):
             own = self._combined(patch, u[..., start:stop], v[..., start:stop])
@@ -358,7 +360,7 @@ class Representation(Saved):
             The points `runs[t]:runs[t + 1]` lie in the mesh triangle t, (T + 1,).
         """
         first, end = runs[self.mesh_triangles], runs[self.mesh_triangles + 1]
-        count = np.where(largest_of(self.corner_weights) > 0.0, end - first, 0)
+        count = np.where(self.weighty, end - first, 0)
         for patch in np.unique(self.patch_of_triangle[count > 0]):
             triangles = np.arange(self.triangle_offsets[patch], self.triangle_offsets[patch + 1])
             lengths = count[triangles]

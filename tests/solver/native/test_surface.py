@@ -53,20 +53,26 @@ def test_values_are_those_of_the_series(functions: surface.Functions) -> None:
             np.testing.assert_allclose(found[start:stop, axis], expected, rtol=1e-11, atol=1e-11)
 
 
-def two_patches(channels: int) -> surface.Blend:
+def two_patches(channels: int, shares: Array | None = None) -> surface.Blend:
     """Two patches over a mesh of two triangles: the second patch has only the second triangle."""
     rng = np.random.default_rng(5)
     return surface.Blend(
         triangle_offsets=np.array([0, 2, 3]),
         mesh_triangles=np.array([0, 1, 1]),
         corners=np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6]]),
-        weights=rng.random((3, 3)),
+        weights=rng.random(7),
         domains=rng.uniform(-1.0, 1.0, (channels, 7, 2)),
+        shares=shares,
     )
 
 
 HOLDERS = surface.Holders(starts=np.array([0, 1, 3]), held=np.array([0, 1, 2]), patch=np.array([0, 0, 1]))
 """Of `two_patches`."""
+
+
+def weights_at(blend: surface.Blend, triangle: int) -> Array:
+    share = 1.0 if blend.shares is None else blend.shares[blend.mesh_triangles[triangle]]
+    return share * blend.weights[blend.corners[triangle]]
 
 
 def blended(functions: surface.Functions, blend: surface.Blend, triangle: int, inside: Array) -> Array:
@@ -76,13 +82,14 @@ def blended(functions: surface.Functions, blend: surface.Blend, triangle: int, i
             if blend.mesh_triangles[own] == triangle:
                 places = [inside @ domain[blend.corners[own]] for domain in blend.domains]
                 point = [value(functions, patch, axis, *places[axis % len(places)]) for axis in range(3)]
-                total += (inside @ blend.weights[own]) * np.array(point)
+                total += (inside @ weights_at(blend, own)) * np.array(point)
     return total
 
 
 @needs_kernel
-def test_the_surface_is_the_weighted_sum_of_its_patches(functions: surface.Functions) -> None:
-    blend = two_patches(functions.scales.shape[1])
+@pytest.mark.parametrize("shares", [None, np.array([0.75, 0.4])], ids=["as they are", "shared"])
+def test_the_surface_is_the_weighted_sum_of_its_patches(functions: surface.Functions, shares: Array | None) -> None:
+    blend = two_patches(functions.scales.shape[1], shares)
     inside = np.random.default_rng(6).dirichlet([1.0, 1.0, 1.0], 900)
     triangle = np.repeat([0, 1], [400, 500])
     where = np.array([0, 1]), np.array([0, 400, 900])
@@ -118,5 +125,5 @@ def test_the_largest_errors_are_those_at_the_samples(functions: surface.Function
         places = [samples @ domain[blend.corners[own]] for domain in blend.domains]
         points = np.stack([value(functions, patch, axis, *places[axis % len(places)].T) for axis in range(3)], axis=1)
         flat = samples @ vertices[triangles[blend.mesh_triangles[own]]]
-        expected = (np.linalg.norm(points - flat, axis=1) * (samples @ blend.weights[own])).max()
+        expected = (np.linalg.norm(points - flat, axis=1) * (samples @ weights_at(blend, own))).max()
         np.testing.assert_allclose(found[own], expected, rtol=1e-11)

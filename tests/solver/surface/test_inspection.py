@@ -122,10 +122,11 @@ def test_faces_go_to_the_patch_that_counts_most(kind: str, mesh: str) -> None:
     surface = representation(kind, mesh)
     found = face_patches(surface)
     scores: dict[int, dict[int, list[float]]] = {}
+    weights = surface.corner_weights()
     for row, triangle in enumerate(surface.mesh_triangles.tolist()):
         patch = int(surface.patch_of_triangle[row])
         of_face = scores.setdefault(int(surface.polygon[triangle]), {})
-        of_face.setdefault(patch, []).append(float(surface.corner_weights[row].sum()))
+        of_face.setdefault(patch, []).append(float(weights[row].sum()))
     for face in range(len(surface.face_offsets) - 1):
         parts = int((surface.polygon == face).sum())
         whole = {patch: sum(s) for patch, s in scores[face].items() if len(s) == parts and sum(s) > 0.0}
