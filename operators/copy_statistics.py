@@ -1,7 +1,5 @@
 """The operator that copies a result's figures to the clipboard."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The operator that saves the representation of a result."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

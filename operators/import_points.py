@@ -1,7 +1,5 @@
 """The operator that reads point files whose points Blender's own importers drop or do not know."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bpy.app.translations import pgettext_rpt as rpt_

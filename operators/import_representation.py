@@ -1,7 +1,5 @@
 """The operator that makes objects of saved representations."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bpy.props import StringProperty

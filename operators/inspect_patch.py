@@ -1,7 +1,5 @@
 """The operator that lays one patch of a result out, and steps from patch to patch."""
 
-from __future__ import annotations
-
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator
 

@@ -1,7 +1,5 @@
 """The operator that evaluates a result's surface on a finer mesh."""
 
-from __future__ import annotations
-
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import IntProperty
 from bpy.types import Context, Object, Operator

@@ -1,7 +1,5 @@
 """The operator that shows the settings of a result, lets them be changed, and solves its source again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The operator that selects the vertices whose errors exceed the tolerance."""
 
-from __future__ import annotations
-
 from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.props import FloatProperty
 from bpy.types import Context, Event, Operator

@@ -1,7 +1,5 @@
 """The operator that shows the sources of results again, or hides them."""
 
-from __future__ import annotations
-
 from bpy.props import BoolProperty
 from bpy.types import Context, Operator
 

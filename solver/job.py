@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .approximation.result import Approximation
-from .distance.settings import DistanceSettings, SurfacePair
+from .distance.settings import DistanceSettings
+from .distance.surface_pair import SurfacePair
 from .errors import SparseSurfaceError
 from .interchange import CloudArrays, CloudOutcome, MeshArrays, StoredRepresentation
 from .processes.pool import WorkerExecutor

@@ -4,10 +4,8 @@ To add a method, write a module in `fitting/methods/` with the functions of `fit
 entry to `METHODS`.  This module imports nothing heavy: a solver's module is loaded when it first fits a patch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 
 def _steps(iterations: int, sweeps: int) -> float:
@@ -15,8 +13,7 @@ def _steps(iterations: int, sweeps: int) -> float:
     return (iterations + 4) * (1.0 + 0.45 * sweeps)
 
 
-@dataclass(frozen=True)
-class PatchMethod:
+class PatchMethod(NamedTuple):
     """What the rest of the program knows of a method.
 
     Attributes
@@ -54,7 +51,7 @@ class PatchMethod:
     keeps_balance: bool = False
     anneals: bool = False
     compiled: bool = False
-    work: Callable[[int, int], float] = field(default=_steps)
+    work: Callable[[int, int], float] = _steps
 
 
 PRINTED = {"blending": "uniform", "basis": "monomial", "pursuit": "omp", "observations": "vertices", "creases": "off"}

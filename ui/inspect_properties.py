@@ -1,7 +1,5 @@
 """What the panels for representations and comparisons remember (`scene.sparse_surface.inspection`, `.comparison`)."""
 
-from __future__ import annotations
-
 import zlib
 
 from bpy.props import (

@@ -1,9 +1,7 @@
 """The legend of the heat map: its layout (a pure function), and how it is drawn over a viewport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import blf
 import bpy
@@ -38,8 +36,7 @@ MODES = {"OBJECT", "EDIT_MESH", "SCULPT", "PAINT_VERTEX"}
 """Modes that show colours of vertices; the others show textures or weights in their place."""
 
 
-@dataclass(frozen=True)
-class Text:
+class Text(NamedTuple):
     """A word at a place in pixels, its lower left corner."""
 
     x: float
@@ -47,8 +44,7 @@ class Text:
     text: str
 
 
-@dataclass(frozen=True)
-class Band:
+class Band(NamedTuple):
     """A piece of the bar: lower left and upper right corner in pixels, and its place on the ramp or a fixed colour."""
 
     left: float
@@ -58,8 +54,7 @@ class Band:
     share: float
 
 
-@dataclass(frozen=True)
-class Legend:
+class Legend(NamedTuple):
     """Bands of colour from bottom to top, tick marks and words, bars of a histogram, and the width of it all."""
 
     bands: tuple[Band, ...]
@@ -150,10 +145,10 @@ def _widened(legend: Legend, scale: float, text_width: Callable[[str], float] | 
     needed = max([right, *(word.x + text_width(word.text) for word in legend.texts)]) if text_width else right
     by = right - needed
     boxes = [
-        tuple(replace(each, left=each.left + by, right=each.right + by) for each in group)
+        tuple(each._replace(left=each.left + by, right=each.right + by) for each in group)
         for group in (legend.bands, legend.bars)
     ]
-    words = tuple(replace(word, x=word.x + by) for word in legend.texts)
+    words = tuple(word._replace(x=word.x + by) for word in legend.texts)
     left = min([start, *(bar.left for bar in legend.bars)])
     return Legend(boxes[0], legend.ticks, words, boxes[1], needed - left)
 

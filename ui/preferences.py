@@ -1,7 +1,5 @@
 """The add-on's preferences."""
 
-from __future__ import annotations
-
 import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy.types import AddonPreferences, Context, Scene

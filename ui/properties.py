@@ -1,7 +1,5 @@
 """The settings of a scene: the solver's, made from its own list, and those that only Blender needs."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -25,20 +25,11 @@ CONTEXTS = ("*", "Operator")
 @cache
 def words(language: str) -> dict[str, str]:
     """Return the translation of each English string."""
-    found: dict[str, str] = {}
-    parts = {"msgid": "", "msgstr": ""}
-    kind = "msgid"
-    for line in [*(FOLDER / f"{language}.po").read_text(encoding="utf-8").splitlines(), ""]:
-        first, _, rest = line.partition(" ")
-        if first in parts:
-            kind = first
-            parts[kind] = json.loads(rest)
-        elif line.startswith('"'):
-            parts[kind] += json.loads(line)
-        elif parts["msgid"] and parts["msgstr"]:
-            found[parts["msgid"]] = parts["msgstr"]
-            parts = {"msgid": "", "msgstr": ""}
-    return found
+    # a string may go on in the next line
+    text = (FOLDER / f"{language}.po").read_text(encoding="utf-8").replace('"\n"', "")
+    quoted = (line.partition(" ")[2] for line in text.split("\n") if line.startswith("msg"))
+    strings = json.loads(f"[{','.join(quoted)}]")
+    return {english: own for english, own in zip(strings[::2], strings[1::2], strict=True) if english and own}
 
 
 def dictionary() -> dict[str, dict[tuple[str, str], str]]:

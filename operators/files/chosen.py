@@ -1,7 +1,5 @@
 """What operators that read files share: the file browser, several files at once, and files that are dropped."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -4,19 +4,16 @@ Axes stay as they are in the file, and so do vertex order and scale: an unmoved 
 coordinates from file to file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 _AXES = {"forward_axis": "Y", "up_axis": "Z"}  # Blender's own: nothing is rotated
 
 
-@dataclass(frozen=True)
-class Format:
+class Format(NamedTuple):
     """A kind of file.
 
     Attributes
@@ -44,8 +41,8 @@ class Format:
     endings: tuple[str, ...]
     reader: tuple[str, ...]
     writer: str | None
-    reading: Mapping[str, Any] = field(default_factory=dict)
-    writing: Mapping[str, Any] = field(default_factory=dict)
+    reading: Mapping[str, Any] = MappingProxyType({})
+    writing: Mapping[str, Any] = MappingProxyType({})
     add_on: str = ""
     byte_colours: bool = False
     keeps_all: bool = False

@@ -1,16 +1,13 @@
 """What has been read off heat maps with the mouse, and whether reading is going on.  Needs no NumPy: it is drawn."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import bpy
 from bpy.types import Region, RegionView3D, SpaceView3D
 from mathutils import Vector
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """What a heat map says at one vertex.
 
     Attributes
@@ -30,8 +27,7 @@ class Reading:
     partner: Vector | None
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """A 3D viewport: its space, and the region with its view."""
 
     space: SpaceView3D
@@ -39,13 +35,13 @@ class View:
     data: RegionView3D
 
 
-@dataclass
 class Readings:
     """The reading under the mouse, those that were kept by a click, and whether reading is going on."""
 
-    going_on: bool = False
-    under_mouse: Reading | None = None
-    kept: list[Reading] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.going_on = False
+        self.under_mouse: Reading | None = None
+        self.kept: list[Reading] = []
 
     def start(self) -> None:
         """Begin with none."""

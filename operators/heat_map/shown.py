@@ -24,7 +24,7 @@ STATE = "sparse_surface_heat_map"
 _SHADING = {"color_type": "VERTEX", "light": "FLAT", "show_cavity": True, "cavity_type": "SCREEN"}
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Before:
     """What a viewport showed before: its kind of shading, how it showed solids, and what has changed since."""
 

@@ -11,7 +11,7 @@ from bpy.types import Depsgraph, Object
 from numpy.typing import NDArray
 
 from ...solver.arrays import offsets_of
-from ...solver.distance.settings import SurfacePair
+from ...solver.distance.surface_pair import SurfacePair
 from ...solver.distance.surfaces import Surface
 from ...solver.errors import FileFormatError, InputError
 from ...solver.mesh.triangulation import triangulate

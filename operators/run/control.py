@@ -52,7 +52,7 @@ class Preview(Protocol):
         """Remove everything that is shown."""
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Run:
     """The objects of one press of the button.
 

@@ -1,24 +1,20 @@
 """Estimated patch count, run time and memory of a run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import bpy
+from bpy.types import Context, Mesh, Object
 
 from ...solver.native.library import reason_for_numpy
 from ...solver.patch_methods import METHODS
 from ...solver.settings import Settings
 from ..data.objects import find_object
 from .status import redraw_progress
-
-if TYPE_CHECKING:
-    from bpy.types import Context, Mesh, Object
 
 LARGE_MESH = 300_000
 """Vertices beyond which the user is warned."""
@@ -55,8 +51,7 @@ _cloud_speed = 1.0
 """How many times as long as on that processor the last cloud took."""
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """What to expect of a run.
 
     Attributes
@@ -71,14 +66,6 @@ class Estimate:
     seconds: float
     gigabytes: float
     at_least: bool = False
-
-    def __add__(self, other: Estimate) -> Estimate:
-        return Estimate(
-            self.patches + other.patches,
-            self.seconds + other.seconds,
-            max(self.gigabytes, other.gigabytes),
-            self.at_least or other.at_least,
-        )
 
 
 def estimate(vertices: int, settings: Settings, *, closed: bool = True, creases: int = 0) -> Estimate:
@@ -113,7 +100,7 @@ def estimate_cloud(points: int, base_vertices: int = 0) -> Estimate:
 def estimate_meshes(chosen: Sequence[Object], context: Context) -> Estimate:
     """Estimate a run on mesh objects with the scene's settings; cheap enough for every redraw."""
     settings = context.scene.sparse_surface.to_settings()
-    each = (
+    each = [
         estimate(
             vertex_count(one, context),
             settings,
@@ -121,8 +108,13 @@ def estimate_meshes(chosen: Sequence[Object], context: Context) -> Estimate:
             creases=crease_count(one, context) if settings.creases == "auto" else 0,
         )
         for one in chosen
+    ]
+    return Estimate(
+        sum(one.patches for one in each),
+        sum(one.seconds for one in each),
+        max((one.gigabytes for one in each), default=0.0),  # one object is solved after the other
+        any(one.at_least for one in each),
     )
-    return sum(each, Estimate(0, 0.0, 0.0))
 
 
 def crease_count(chosen: Object, context: Context) -> int:

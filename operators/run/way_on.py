@@ -1,8 +1,8 @@
 """What to do where a button is grey: a sentence, and the button that leads on."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
 
 from bpy.app.translations import pgettext_iface as iface_
 from bpy.app.translations import pgettext_rpt as rpt_
@@ -15,15 +15,14 @@ CONVERTIBLE = {"CURVE", "CURVES", "SURFACE", "FONT", "META"}
 """Kinds of objects that Blender converts to meshes."""
 
 
-@dataclass(frozen=True)
-class WayOn:
+class WayOn(NamedTuple):
     """A sentence about what is selected, and the operator that leads on, with its properties."""
 
     text: str
     operator: str
     label: str
     icon: str
-    properties: dict[str, str] = field(default_factory=dict)
+    properties: Mapping[str, str] = MappingProxyType({})
 
 
 def way_on(context: Context) -> WayOn | None:

@@ -15,7 +15,8 @@ from ..progress import Progress, Steps, run_to_end, within
 from ..version import VERSION
 from .alignment import Alignment, align_steps
 from .certified import Largest, largest_distance
-from .settings import DistanceSettings, SurfacePair
+from .settings import DistanceSettings
+from .surface_pair import SurfacePair
 from .surfaces import Surface
 from .targets import Nearest
 

@@ -1,15 +1,9 @@
 """How distances are measured.  Needs no NumPy: the command line is checked with it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ..errors import SettingsError
-
-if TYPE_CHECKING:
-    from ..arrays import Array, Indices
 
 ALIGNMENTS = ("none", "rigid", "scaled")
 
@@ -52,13 +46,3 @@ class DistanceSettings:
             raise SettingsError(f"samples must lie between 100 and 100000000, not {self.samples}.")
         if not 2 <= self.bins <= 10_000:
             raise SettingsError(f"bins must lie between 2 and 10000, not {self.bins}.")
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePair:
-    """Two surfaces as they travel to another process: vertices (V, 3), and triangles (T, 3), none for points."""
-
-    a_vertices: Array
-    a_triangles: Indices
-    b_vertices: Array
-    b_triangles: Indices

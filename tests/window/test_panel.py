@@ -105,19 +105,24 @@ def test_drawing_costs_little():
 
 
 def test_enabling_costs_little():
-    """Importing and registering again, in processor time: Blender starts with it every day."""
+    """Importing and registering again, in processor time: Blender starts with it every day.
+
+    Whoever shares the processor's caches only makes it longer, so the shortest of five counts.
+    """
     import addon_utils
 
     name = driver.add_on()
-    addon_utils.disable(name)
-    for loaded in [each for each in sys.modules if each.startswith(name)]:
-        del sys.modules[loaded]
-    before = time.process_time()
-    addon_utils.enable(name)
-    spent = time.process_time() - before
-    print(f"enabling took {1000 * spent:.0f} ms of processor time")
-    yield 0.5
-    assert spent < 0.05
+    spent = []
+    for _ in range(5):
+        addon_utils.disable(name)
+        for loaded in [each for each in sys.modules if each.startswith(name)]:
+            del sys.modules[loaded]
+        before = time.process_time()
+        addon_utils.enable(name)
+        spent.append(time.process_time() - before)
+        yield 0.5
+    print(f"enabling took {1000 * min(spent):.0f} ms of processor time, {1000 * max(spent):.0f} at the most")
+    assert min(spent) < 0.05
 
 
 if __name__ == "__main__":
