@@ -21,7 +21,7 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
-.PHONY: help venv native demo test test-solver test-tools test-blender test-long test-matrix test-window test-mutants lint-venv lint format build docs release bench pages \
+.PHONY: help venv native demo test test-solver test-tools test-blender test-others test-long test-matrix test-window test-mutants lint-venv lint format build docs release bench pages \
 	figures clean
 
 help: ## list the targets
@@ -35,7 +35,12 @@ venv: ## set up .venv (Python 3.11 or 3.13 as found, or PYTHON=...)
 demo: venv ## approximate two models, or MODEL=file, in Blender; results in out/
 	@$(PY) scripts/demo.py $(if $(MODEL),"$(MODEL)")
 
-test: test-solver test-tools test-blender ## all tests that need no window
+test: venv ## all tests that need no window: the solver's beside all others
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=line test-solver test-others
+
+test-others: venv
+	@$(MAKE) --no-print-directory test-tools
+	@$(MAKE) --no-print-directory test-blender
 
 test-solver: venv ## tests of the solver, with bpy out of reach
 	@$(PY) -m pytest -m "not long" tests/solver $(PYTEST)
