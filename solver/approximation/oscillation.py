@@ -38,7 +38,7 @@ CLOSE = triangle_grid(24)
 """Where uneven triangles are looked at: a polynomial of degree 14 changes sign at most 14 times along a side."""
 
 NEGLIGIBLE = 1e-3
-"""Errors below this share of the longest side do not lower a degree."""
+"""Errors below this share of the longest side of their connected piece do not lower a degree."""
 
 DEGREE_FACTOR = 0.6
 """A lower degree is this share of the one before."""
@@ -53,7 +53,9 @@ def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshOb
     oscillating = errors_between(surface) > OVERSHOOT * observed
     if oscillating.any():
         yield oscillating, surface.observations.with_dense(oscillating)
-    allowed = np.maximum(OVERSHOOT * observed, NEGLIGIBLE * surface.mesh.longest_side)
+    patches = surface.patches
+    sizes = surface.mesh.piece_sizes[patches.mesh_triangles[patches.triangle_offsets[:-1]]]
+    allowed = np.maximum(OVERSHOOT * observed, NEGLIGIBLE * sizes)
     uneven = UnevenTriangles.of(surface.representation(), surface.runner.each)
     if not uneven.patches.any():
         return

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..mesh.edges import connected_parts
 from ..mesh.input_checks import checked_faces, checked_vertices
-from ..mesh.welding import automatic_distance, find_weld
+from ..mesh.welding import find_copies
 from ..settings import Settings
 from .parts import Mesh, joined
 
@@ -37,9 +37,8 @@ def _is_sound(mesh: Mesh) -> bool:
 
 def _groups(meshes: Sequence[Mesh], distance: float) -> list[list[int]]:
     together = joined(meshes)
-    points, triangles = together.vertices.astype(np.float64), together.triangles.astype(np.int64)
     try:
-        weld = find_weld(points, triangles, distance or automatic_distance(together.vertices, triangles))
+        weld = find_copies(together.vertices, together.triangles.astype(np.int64), distance)
     except InputError:  # the distance is too large: each will be refused by itself
         weld = None
     if weld is None:

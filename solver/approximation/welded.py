@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Indices
 from ..mesh.input_checks import checked_edges, checked_faces, checked_triangulation, checked_vertices
 from ..mesh.triangulation import triangulate
-from ..mesh.welding import Weld, automatic_distance, find_weld
+from ..mesh.welding import Weld, close_distances, find_copies
 from ..patches.observations import checked_weights
 from ..progress import Progress, Steps, relayed
 from ..settings import Settings
@@ -47,7 +47,7 @@ class Welded:
         # What the surface leaves where it is keeps its own last digits.
         stays = (vertices == places.astype(vertices.dtype)).all(axis=1)
         if not self.automatic:
-            stays &= away <= automatic_distance(given, self.triangles)
+            stays &= away <= close_distances(given, self.triangles, self.weld.place)
         vertices[stays] = given[stays]
         error = np.linalg.norm(vertices.astype(np.float64) - given.astype(np.float64), axis=1)
         patch = found.patch[place]
@@ -106,8 +106,7 @@ def held_together(given: MeshInput, settings: Settings) -> Welded | None:
         triangles, polygon = triangulate(points, corners, offsets)
     else:
         triangles, polygon = checked_triangulation(given.triangles, len(points), len(offsets) - 1)
-    distance = settings.merge_distance or automatic_distance(np.asarray(given.positions), triangles)
-    weld = find_weld(points, triangles, distance)
+    weld = find_copies(np.asarray(given.positions), triangles, settings.merge_distance)
     if weld is None:
         return None
     weights = checked_weights(given.weights, len(points))

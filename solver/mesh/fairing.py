@@ -134,7 +134,9 @@ def fair_offsets(mesh: TriangleMesh) -> tuple[Array, Array]:
     missing = wanted - triangles.gradients(before)
     rough = triangles.squares(missing)
     triangles = triangles.weighted(rough / (rough + np.radians(ROUGH) ** 2))
-    found = _solved(triangles.product, triangles.collected(triangles.turned(missing)), 1.0 / triangles.diagonal())
+    right, inverse = triangles.collected(triangles.turned(missing)), 1.0 / triangles.diagonal()
+    piece = mesh.pieces.piece[mesh.node_vertex]
+    found = _solved(triangles.product, right, inverse, np.concatenate([piece, piece[keys // mesh.node_count]]))
     more = (found[triangles.unknowns[3:]] * triangles.kept[3:]).T
     return moves + found[: mesh.node_count, None] * around, bulges + more[:, :, None] * middles
 
@@ -170,22 +172,30 @@ def _dot(one: Array, other: Array) -> Array:
     return one[0] * other[0] + one[1] * other[1]
 
 
-def _solved(product: Callable[[Array], Array], right: Array, inverse: Array) -> Array:
-    """Conjugate gradients from zero, preconditioned by the diagonal.
+def _solved(apply: Callable[[Array], Array], right: Array, inverse: Array, piece: Indices) -> Array:
+    """Conjugate gradients from zero, preconditioned by the diagonal; each piece of unknowns (n,) for itself.
 
-    Sums are NumPy's own, which do not depend on how many threads BLAS has.
+    No piece ends sooner because another is larger.  Sums are NumPy's own, which do not depend on how many threads BLAS
+    has.
     """
+
+    def summed(one: Array, other: Array) -> Array:
+        product = one * other
+        return np.asarray(np.bincount(piece, product) if several else [product.sum()], dtype=np.float64)
+
+    several = bool(piece.any())
     found, left, moved = np.zeros_like(right), right.copy(), inverse * right
-    way, size = moved, float((left * moved).sum())
+    way, size = moved, summed(left, moved)
     enough = ENOUGH**2 * size
     for _ in range(MOST_STEPS):
-        if size <= enough:
+        active = size > enough
+        if not active.any():
             break
-        turned = product(way)
-        step = size / float((way * turned).sum())
+        turned = apply(way)
+        step = np.divide(size, summed(way, turned), out=np.zeros_like(size), where=active)[piece]
         found += step * way
         left -= step * turned
         moved = inverse * left
-        before, size = size, float((left * moved).sum())
-        way = moved + size / before * way
+        before, size = size, np.where(active, summed(left, moved), 0.0)
+        way = moved + np.divide(size, before, out=np.zeros_like(size), where=active)[piece] * way
     return found

@@ -23,6 +23,7 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Array, Booleans, Indices, any_of, extent_of, offsets_of, rows_at
 from .edges import connected_parts, edge_keys, stable_order
 from .input_checks import checked_faces, checked_triangulation, checked_vertices, refuse_without_area
+from .pieces import Pieces
 from .topology import join_sides, number_edges, split_into_fans, winding_of
 from .triangulation import triangulate
 from .welding import COINCIDENT
@@ -182,6 +183,24 @@ class TriangleMesh:
     def longest_side(self) -> float:
         """Longest side of the bounding box of all vertices."""
         return float(extent_of(self.vertices).max())
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        """Connected pieces, which cuts do not part; vertices that no triangle uses stand alone."""
+        count = len(self.vertices)
+        copies, own = self.component[count:], self.component[self.node_vertex[count:]]
+        pieces, piece = connected_parts(copies, own, self.component_count)
+        return Pieces.of(self.vertices, piece[self.component[:count]], pieces)
+
+    @cached_property
+    def triangle_pieces(self) -> Indices:
+        """Piece of each triangle, (T,)."""
+        return self.pieces.piece[self.triangles[:, 0]]
+
+    @cached_property
+    def piece_sizes(self) -> Array:
+        """Longest side of the box around each triangle's piece, (T,)."""
+        return self.pieces.sizes[self.triangle_pieces]
 
 
 def build_mesh(

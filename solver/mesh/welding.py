@@ -17,16 +17,20 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Booleans, Indices, any_of, extent_of, length_of
 from ..errors import InputError
 from .edges import connected_parts, edge_keys, stable_order
+from .pieces import Pieces
 from .topology import pair_straightest
 
 COINCIDENT = 1e-6
-"""Share of the longest side within which two vertices are taken to be at one place."""
+"""Share of the longest side of a connected piece within which two vertices are taken to be at one place."""
 
 SHARE_OF_A_SIDE = 0.01
 """And the share of a triangle's side, the median of all.  One vertex far away makes a mesh large, not its details."""
 
 ROUNDINGS = 2.0
 """By how many steps of its number type two copies of a coordinate may differ."""
+
+ROUNDS = 8
+"""How often pieces that come apart are measured again."""
 
 MOST_NEIGHBOURS = 64
 """A distance within which a border vertex has more others than this, on average, does not tell copies apart."""
@@ -80,6 +84,43 @@ def automatic_distance(vertices: NDArray[np.generic], triangles: Indices) -> flo
     return max(distance, ROUNDINGS * step * float(np.median(np.abs(points).max(axis=1))))
 
 
+def close_distances(vertices: NDArray[np.generic], triangles: Indices, place: Indices) -> Array:
+    """`automatic_distance` for each vertex, (V,), as if its piece of places (V,) were alone, but not more than for all.
+
+    Numbers of single precision are rounded as such, whatever type they have.
+    """
+    points, most = vertices.astype(np.float64), automatic_distance(vertices, triangles)
+    sides = place[np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)]
+    count, piece = connected_parts(sides[:, 0], sides[:, 1], int(place.max(initial=-1)) + 1)
+    pieces = Pieces.of(points, piece[place], count)
+    long = length_of(points[triangles] - points[np.roll(triangles, -1, axis=1)]).reshape(-1)
+    usual = pieces.medians(long, np.repeat(pieces.piece[triangles[:, 0]], 3))
+    own = np.fmin(COINCIDENT * pieces.sizes, SHARE_OF_A_SIDE * usual)
+    with np.errstate(over="ignore"):
+        single = bool((points.astype(np.float32) == points).all())
+    step = float(np.finfo(np.float32 if single else vertices.dtype.char).eps) if vertices.dtype.kind == "f" else 0.0
+    rounding = ROUNDINGS * step * pieces.medians(np.abs(points).max(axis=1), pieces.piece)
+    allowed: Array = np.minimum(np.maximum(own, rounding), most)[pieces.piece]
+    return allowed
+
+
+def find_copies(vertices: NDArray[np.generic], triangles: Indices, distance: float) -> Weld | None:
+    """`find_weld` within a distance, scene units, or 0: within what the size of each connected piece says."""
+    points = vertices.astype(np.float64)
+    if distance:
+        return find_weld(points, triangles, distance)
+    allowed = np.full(len(points), automatic_distance(vertices, triangles))
+    weld = find_weld(points, triangles, allowed)
+    for _ in range(ROUNDS):
+        if weld is None:
+            return None
+        before, allowed = allowed, np.minimum(allowed, close_distances(vertices, triangles, weld.place))
+        if (length_of(points - points[weld.first][weld.place]) <= allowed).all() or (allowed == before).all():
+            return weld
+        weld = find_weld(points, triangles, allowed)
+    return weld
+
+
 def may_coincide(vertices: NDArray[np.floating[Any]], distance: float) -> bool:
     """Whether some of the vertices (V, 3) may be copies; if not, none are, and `find_weld` need not be asked.
 
@@ -113,10 +154,11 @@ def may_coincide(vertices: NDArray[np.floating[Any]], distance: float) -> bool:
     return False
 
 
-def find_weld(points: Array, triangles: Indices, distance: float) -> Weld | None:
+def find_weld(points: Array, triangles: Indices, distance: float | Array) -> Weld | None:
     """Find the vertices (V, 3) on open borders of triangles (T, 3) that belong together.
 
-    No triangle loses a corner by it.  None where every vertex stands alone.
+    The distance is one for all, or each vertex's own, (V,).  No triangle loses a corner by it.  None where every vertex
+    stands alone.
 
     Raises
     ------
@@ -127,7 +169,7 @@ def find_weld(points: Array, triangles: Indices, distance: float) -> Weld | None
     if not len(sides):
         return None
     border, number = np.unique(np.concatenate([start, end]), return_inverse=True)
-    group = _groups(points[border], distance)[number.reshape(2, -1)]
+    group = _groups(points[border], np.broadcast_to(distance, len(points))[border])[number.reshape(2, -1)]
     pairs = _coincident_sides(points, triangles, sides, group)
     one, other = (np.stack([start[pair], end[pair]], axis=1) for pair in pairs.T)
     turned = group[0][pairs[:, 0]] != group[0][pairs[:, 1]]
@@ -153,16 +195,22 @@ def _open_sides(triangles: Indices, count: int) -> tuple[Indices, Indices, Indic
     return sides[alone], start[alone], end[alone]
 
 
-def _groups(points: Array, distance: float) -> Indices:
-    """Group of each point, (n,): points within the distance of each other, and all that these lead to."""
-    places, place = np.unique(points, axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    if distance <= 0.0:
+def _groups(points: Array, distance: Array) -> Indices:
+    """Group of each point, (n,): points within both distances of each other, and all that these lead to."""
+    largest = float(distance.max())
+    alike = float(distance.min()) == largest
+    rows = points if alike else np.column_stack([points, distance])
+    rows, place = np.unique(rows, axis=0, return_inverse=True)
+    place, places = place.reshape(-1), rows[:, :3]
+    if largest <= 0.0:
         return place
     tree = cKDTree(places)
-    if tree.count_neighbors(tree, distance) > (1 + MOST_NEIGHBOURS) * len(places):
-        raise InputError(f"The merge distance {distance:g} is larger than the details of the mesh.")
-    near = tree.query_pairs(distance, output_type="ndarray")
+    if tree.count_neighbors(tree, largest) > (1 + MOST_NEIGHBOURS) * len(places):
+        raise InputError(f"The merge distance {largest:g} is larger than the details of the mesh.")
+    near = tree.query_pairs(largest, output_type="ndarray")
+    if not alike:
+        allowed = rows[near, 3].min(axis=1)
+        near = near[length_of(places[near[:, 0]] - places[near[:, 1]]) <= allowed]
     label: Indices = connected_parts(near[:, 0], near[:, 1], len(places))[1]
     return label[place]
 

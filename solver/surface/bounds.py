@@ -116,25 +116,28 @@ def _reached(representation: Representation, vertices: Array | None, parts: _Par
 
 def exceeding(
     representation: Representation,
-    tolerance: float,
+    tolerance: float | Array,
     triangles: Indices | None = None,
     vertices: Array | None = None,
     each: Each = map,
 ) -> NDArray[np.bool_]:
     """Whether the error may exceed a tolerance, for all triangles (T,) or for those named; False is guaranteed.
 
-    Parameters as of `error_bounds`; `tolerance` in scene units.
+    Parameters as of `error_bounds`; `tolerance` in scene units, for all or one for each of those asked for.
     """
     asked = np.arange(len(representation.triangles)) if triangles is None else triangles
     representation.prepare(each)
     error = _ErrorModel.of(representation, vertices)
     outside = np.zeros(len(representation.triangles), dtype=bool)
+    allowed = np.zeros(len(outside))
+    allowed[asked] = tolerance
     parts = _Parts.whole(asked)
-    parts = parts.select(error.bounds(parts, ROUGH_LATTICE, each)[1] > tolerance)
+    parts = parts.select(error.bounds(parts, ROUGH_LATTICE, each)[1] > allowed[asked])
     for _ in range(MOST_SPLITS + 1):
         low, high = error.bounds(parts, each=each)
-        outside[parts.triangle[low > tolerance]] = True
-        undecided = (high > tolerance) & ~outside[parts.triangle]
+        within = allowed[parts.triangle]
+        outside[parts.triangle[low > within]] = True
+        undecided = (high > within) & ~outside[parts.triangle]
         parts = parts.select(undecided)
         if not len(parts.triangle) or len(parts.triangle) > max(MOST_PARTS, len(asked)):
             break

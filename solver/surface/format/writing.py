@@ -11,6 +11,8 @@ import numpy as np
 
 from ...arrays import Array, Booleans, Indices
 from ...fitting.dictionary import Dictionary
+from ...mesh.edges import connected_parts
+from ...mesh.pieces import Pieces
 from .balancing import BalancedWriting, Leverage
 from .blocks import BlockWriter
 from .canonical import Canonical, Fields, Quality
@@ -42,6 +44,10 @@ FUNCTIONS_SHARES = (0.85, 0.6)
 The second is for a surface that the first leaves too far away in some place, however finely its domains are rounded.
 """
 
+SMALL_PIECE, SMALLEST_SHARE, FEWEST_TRIANGLES = 10.0, 1e-3, 12
+"""Lengths are kept as exactly as a piece needs that is so many times smaller than the whole, but not more exactly than
+for a whole that is a share of this one's size.  Pieces of fewer triangles than a cube has do not count."""
+
 SCALE_BITS = 8
 """Bits of the patches' scales; coefficients follow them."""
 
@@ -59,7 +65,8 @@ def write(surface: Any, quality: Quality) -> Written:
     """Write a representation with the given quality."""
     blocks, own = BlockWriter(quality.quick), Canonical.of(surface)
     cover = own.cover
-    side = float(np.ptp(surface.vertices, axis=0).max()) or 1.0
+    longest = float(np.ptp(surface.vertices, axis=0).max()) or 1.0
+    side = _side(surface, longest)
     _write_mesh(blocks, surface, own, not quality.domains)
     centres = _write_cover(blocks, surface, own)
     weights = surface.weights[own.rows]
@@ -82,7 +89,17 @@ def write(surface: Any, quality: Quality) -> Written:
         functions=surface.support.shape[2],
         iterations=surface.energy.shape[1],
     )
-    return Written(sizes, blocks, moved)
+    return Written(sizes, blocks, moved * side / longest)
+
+
+def _side(surface: Fields, longest: float) -> float:
+    """The length that the quality's shares are taken of: the longest side, or less where there are small pieces."""
+    corners = surface.triangles
+    count, piece = connected_parts(corners[:, :2].ravel(), corners[:, 1:].ravel(), len(surface.vertices))
+    sizes = Pieces.of(surface.vertices, piece, count).sizes
+    counted = np.bincount(piece[corners[:, 0]], minlength=count) >= FEWEST_TRIANGLES
+    smallest = float(sizes[counted].min(initial=longest))
+    return min(longest, max(SMALL_PIECE * smallest, SMALLEST_SHARE * longest))
 
 
 def _write_mesh(blocks: BlockWriter, surface: Fields, own: Canonical, plain: bool) -> None:
@@ -320,7 +337,7 @@ class SurfaceWriting:
         return replace(self.surface, **self.functions, domains=domains[:, back])
 
     def _moved(self, surface: Any) -> Array:
-        """How far a surface lies from the given one, longest sides: at the vertices and in every triangle."""
+        """How far a surface lies from the given one, in sides: at the vertices and in every triangle."""
         moved: Array = np.linalg.norm(self._points(surface) - self._before, axis=1) / self.side
         return moved
 

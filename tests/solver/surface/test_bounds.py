@@ -84,6 +84,9 @@ def test_no_point_exceeds_a_tolerance_where_that_is_excluded(share: float) -> No
     assert (largest[outside] > 0.9 * tolerance).mean() > 0.9
     some = np.arange(0, len(largest), 3)
     assert (exceeding(surface, tolerance, some) == outside[some]).all()
+    double, second = exceeding(surface, 2.0 * tolerance), np.arange(len(some)) % 2 == 1
+    found = exceeding(surface, np.where(second, 2.0, 1.0) * tolerance, some)
+    assert (found == np.where(second, double[some], outside[some])).all()
 
 
 def flat_patch(cells: int = 6) -> Representation:
