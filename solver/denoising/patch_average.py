@@ -67,8 +67,6 @@ class PatchAverage:
 
     Attributes
     ----------
-    coverage
-        How many patches cover each triangle, (T,).
     hurried
         Whether someone asked to finish: one patch over each triangle is enough then.
     """
@@ -77,14 +75,19 @@ class PatchAverage:
         self._misfit_power = misfit_power
         self._normals = _Sums(triangle_count, 3)
         self._planes = _Sums(vertex_count, 10)
-        self.coverage = np.zeros(triangle_count, dtype=np.int64)
-        self._sizes = np.zeros(triangle_count, dtype=np.int64)
+        self._covers = _Sums(triangle_count, 2)  # patches over each triangle, and the sum of their sizes
         self.hurried = False
+
+    @property
+    def coverage(self) -> Array:
+        """How many patches cover each triangle, (T,)."""
+        return self._covers.total()[:, 0]
 
     @property
     def patch_sizes(self) -> Array:
         """Mean number of triangles of the patches that cover each triangle, (T,); 0 where none does."""
-        return self._sizes / np.maximum(self.coverage, 1)
+        count, sizes = self._covers.total().T
+        return sizes / np.maximum(count, 1)
 
     def add(self, fits: Fits) -> None:
         """Add patches; those that are not sound are ignored."""
@@ -108,15 +111,13 @@ class PatchAverage:
         self._planes.add(fits.vertices[at_vertex], rows)
         covers = fits.triangle_weights > _CERTAIN
         covered, sizes = fits.triangles[covers], covers.sum(axis=1)
-        self.coverage += np.bincount(covered, minlength=len(self.coverage))
-        self._sizes += np.bincount(covered, np.repeat(sizes, sizes), len(self.coverage)).astype(np.int64)
+        self._covers.add(covered, np.column_stack((np.ones(len(covered)), np.repeat(sizes, sizes))))
 
     def include(self, other: PatchAverage) -> None:
         """Add all patches of another average over the same mesh."""
         self._normals.include(other._normals)
         self._planes.include(other._planes)
-        self.coverage += other.coverage
-        self._sizes += other._sizes
+        self._covers.include(other._covers)
 
     def normals(self, guide: Array) -> Array:
         """Return the triangles' averaged normals, (T, 3); the guide's where no patch has a value."""
