@@ -2,6 +2,7 @@
 
 import zlib
 
+import bpy
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
@@ -14,6 +15,7 @@ from bpy.props import (
 )
 from bpy.types import Context, Object, PropertyGroup
 
+from ..operators.data.noise_key import set_strength, strength
 from ..operators.data.presets import preset_names, preset_title
 from ..operators.measure.options import how_to_measure
 from ..solver.settings import MOST_SPLITS, PRESETS
@@ -32,8 +34,19 @@ class SparseSurfaceEnergy(PropertyGroup):
     value: FloatProperty(name="Energy")
 
 
+def _strength(inspection: PropertyGroup) -> float:
+    """The strength of the active result."""
+    made = bpy.context.active_object
+    return 1.0 if made is None else strength(made)
+
+
+def _set_strength(inspection: PropertyGroup, share: float) -> None:
+    if (made := bpy.context.active_object) is not None:
+        set_strength(made, share)
+
+
 class SparseSurfaceInspection(PropertyGroup):
-    """The patch that is shown."""
+    """The patch that is shown, and how the active result is."""
 
     patch: IntProperty(name="Patch", description="Number of the patch, as in the attribute 'patch'", default=0, min=0)
     splits: IntProperty(
@@ -43,6 +56,18 @@ class SparseSurfaceInspection(PropertyGroup):
         min=1,
         max=MOST_SPLITS,
         soft_max=8,
+    )
+    strength: FloatProperty(
+        name="Strength",
+        description="How much of the noise that was found the active result is seen without: 0 none, 1 all. Changes it "
+        "at once, by its shape key Noise, and solves nothing; figures and colours remain those of 1",
+        min=0.0,
+        max=1.0,
+        default=1.0,
+        subtype="FACTOR",
+        get=_strength,
+        set=_set_strength,
+        options={"SKIP_SAVE"},
     )
     holder: StringProperty(name="Result", description="Name of the result whose patch is shown")
     patches: IntProperty(name="Patches")

@@ -10,6 +10,7 @@ from bpy.app.translations import pgettext_iface as iface_
 from bpy.types import Context, Object, Panel, Scene, UILayout
 
 from ..operators.data.lengths import length_text
+from ..operators.data.noise_key import can_blend, has_removed_noise
 from ..operators.data.report_text import rows, verdict, warnings
 from ..operators.data.result_keys import (
     DRAFT,
@@ -37,6 +38,10 @@ class SPARSE_SURFACE_PT_result(SidebarPanel, Panel):
         report = read_report(context.active_object)
         if report is not None:
             draw_quality(column, report, context.scene)
+        if has_removed_noise(context.active_object):
+            row = column.row()
+            row.enabled = can_blend(context.active_object)
+            row.prop(context.scene.sparse_surface.inspection, "strength", slider=True)
         if has_heat_map(context.active_object):
             draw_heat_map_button(column, context)
         if has_patches(context.active_object):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...solver.errors import InputError
 from .attributes import fetch, put
 from .meshes import read_polygons, read_positions
+from .noise_key import noise_key
 from .origins import source_of
 from .result_keys import WITH_MODIFIERS
 from .visibility import readable
@@ -47,7 +48,7 @@ def apply_to_source(made: Object, context: Context) -> float:
     source = source_of(made)
     assert source is not None
     _check(source, made)
-    target = read_positions(made.data).astype(np.float64)
+    target = _seen_positions(made).astype(np.float64)
     before = _all_positions(source)
     shaped = bool(source.modifiers or source.data.shape_keys)
     if not (shaped and made.get(WITH_MODIFIERS, True)):
@@ -59,6 +60,18 @@ def apply_to_source(made: Object, context: Context) -> float:
             _move(source, before, np.zeros_like(target))
             raise InputError(rpt_("The modifiers of '{}' do not let its vertices go there.").format(source.name))
     return left
+
+
+def _seen_positions(made: Object) -> NDArray[np.float32]:
+    """Return where the vertices of a result are seen, (V, 3): a denoised one with the noise that was blended in."""
+    if noise_key(made) is None:
+        return read_positions(made.data)
+    active = made.active_shape_key_index
+    mixed = made.shape_key_add(name="Mixed", from_mix=True)
+    seen = fetch(mixed.data, "co", np.float32, 3)
+    made.shape_key_remove(mixed)
+    made.active_shape_key_index = active
+    return seen
 
 
 def _check(source: Object, made: Object) -> None:

@@ -10,7 +10,17 @@ from bpy.types import Attribute, Mesh
 from numpy.typing import NDArray
 
 from ...solver.errors import InputError
-from .result_keys import DOMAIN_STRETCH, ERROR, ERROR_COLOUR, GAP, PARTNER, PATCH, PATCH_COLOUR, WEIGHT
+from .result_keys import (
+    DOMAIN_STRETCH,
+    ERROR,
+    ERROR_COLOUR,
+    GAP,
+    NOISY_POSITION,
+    PARTNER,
+    PATCH,
+    PATCH_COLOUR,
+    WEIGHT,
+)
 
 Values = NDArray[Any]
 
@@ -49,6 +59,7 @@ OWN = {
     WEIGHT: ("FLOAT", "POINT"),
     GAP: ("FLOAT", "POINT"),
     PARTNER: ("FLOAT_VECTOR", "POINT"),
+    NOISY_POSITION: ("FLOAT_VECTOR", "POINT"),
 }
 """Data type and domain of each attribute that the add-on writes."""
 

@@ -48,6 +48,9 @@ PATCH_COLOUR = "patch_color"
 ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH = "error", "error_color", "patch", "domain_stretch"
 """Attributes of a result's mesh."""
 
+NOISY_POSITION = "noisy_position"
+"""Attribute of a denoised result: where each vertex was before, in local coordinates."""
+
 WEIGHT = "weight"
 """Attribute of reconstructed points: the weight of each in the fit."""
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...solver.errors import InputError
 from . import attributes
 from .colours import ColourScale
-from .meshes import Source, create_mesh, mark_sharp, same_topology, set_positions, vertex_areas
+from .meshes import Source, create_mesh, mark_sharp, read_positions, same_topology, set_positions, vertex_areas
 from .objects import create_object, find_object
 from .origins import BASE, POINT_ERRORS, RESULT
 from .points import COLOURS
@@ -23,6 +23,7 @@ from .result_keys import (
     ERROR,
     ERROR_COLOUR,
     MADE_FROM,
+    NOISY_POSITION,
     PATCH,
     REPORT,
     SCALE,
@@ -67,9 +68,12 @@ def create_result(
     """
     made_from, mesh = copy_source(source, context)
     name = mesh.name = result_name(made_from.name)
+    before = read_positions(mesh) if _is_only_denoised(result.report) else None
     set_positions(mesh, source.lengths.to_local(result.vertices))
     made = create_object(name, mesh, made_from, context, role=role, replace=replace)
     _rename_groups(made)
+    if before is not None:
+        attributes.write(mesh, {NOISY_POSITION: before})
     if result.history is not None:
         add_iteration_keys(made, np.stack([source.lengths.to_local(points) for points in result.history]))
     _put(made, source, result, scale, keeps_functions)
@@ -193,6 +197,11 @@ def _copy_mesh(made_from: Object, evaluated: bool, context: Context) -> Mesh:
     return mesh
 
 
+def _is_only_denoised(report: dict[str, Any]) -> bool:
+    """Whether noise was removed, and nothing fitted afterwards."""
+    return not report["patches"] and "denoise" in report and report["denoise"]["displacement"]["max"] > 0.0
+
+
 def _put(
     made: Object,
     source: Source | CloudSource,
@@ -213,7 +222,7 @@ def _put(
 
 def _rename_groups(made: Object) -> None:
     """Leave the names of the result's attributes free: Blender allows no attribute that is named as a vertex group."""
-    for name in (ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH):
+    for name in (ERROR, ERROR_COLOUR, PATCH, DOMAIN_STRETCH, NOISY_POSITION):
         if name in made.vertex_groups:
             made.vertex_groups[name].name = attributes.OF_USER.format(name)
 

@@ -147,3 +147,94 @@ def test_the_picture_tells_of_noise_not_of_patches(tmp_path, monkeypatch):
     monkeypatch.setattr(picture, "render_png", lambda scene, path, over: None)
     render_heatmap(result, tmp_path / "picture.png")
     assert any(text.startswith("noise of 0.00") for text in written)
+
+
+def seen(made: Any) -> np.ndarray:
+    """Return the local positions in which an object is drawn."""
+    bpy.context.view_layer.update()
+    return scenes.positions(made.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)
+
+
+def test_the_strength_of_a_result_blends_at_once():
+    source = noisy_cube()
+    before = scenes.positions(source.data)
+    result = scenes.approximate(denoise="only")
+    after = scenes.positions(result.data)
+    inspection = bpy.context.scene.sparse_surface.inspection
+    assert inspection.strength == 1.0
+    assert result.data.shape_keys is None
+    inspection.strength = 1.0
+    assert result.data.shape_keys is None, "a key without need"
+    for share in (0.5, 0.25, 0.0, 1.0):
+        inspection.strength = share
+        assert inspection.strength == pytest.approx(share)
+        np.testing.assert_allclose(seen(result), before + share * (after - before), atol=1e-6)
+    np.testing.assert_array_equal(seen(result), after)
+    assert [key.name for key in result.data.shape_keys.key_blocks] == ["Denoised", "Noise"]
+    np.testing.assert_array_equal(scenes.positions(result.data), after)
+
+
+def test_noise_stays_where_a_vertex_group_of_its_key_says_so():
+    source = noisy_cube()
+    before = scenes.positions(source.data)
+    result = scenes.approximate(denoise="only")
+    after = scenes.positions(result.data)
+    bpy.context.scene.sparse_surface.inspection.strength = 0.0
+    weights = np.linspace(0.0, 1.0, len(before))
+    group = result.vertex_groups.new(name="Rough")
+    for vertex, weight in enumerate(weights.tolist()):
+        group.add([vertex], weight, "REPLACE")
+    result.data.shape_keys.key_blocks["Noise"].vertex_group = "Rough"
+    np.testing.assert_allclose(seen(result), after + weights[:, None] * (before - after), atol=1e-6)
+
+
+def test_the_source_gets_what_is_seen():
+    source = noisy_cube()
+    before = scenes.positions(source.data)
+    result = scenes.approximate(denoise="only")
+    after = scenes.positions(result.data)
+    bpy.context.scene.sparse_surface.inspection.strength = 0.75
+    assert bpy.ops.sparse_surface.apply_to_source() == {"FINISHED"}
+    np.testing.assert_allclose(scenes.positions(source.data), before + 0.75 * (after - before), atol=1e-6)
+    assert [key.name for key in result.data.shape_keys.key_blocks] == ["Denoised", "Noise"]
+
+
+def test_the_strength_outlives_a_saved_file_and_a_lost_source(tmp_path):
+    source = noisy_cube()
+    before = scenes.positions(source.data)
+    result = scenes.approximate(denoise="only")
+    after, name = scenes.positions(result.data), result.name
+    bpy.data.objects.remove(source)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "denoised.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "denoised.blend"))
+    result = bpy.data.objects[name]
+    scenes.select(result)
+    bpy.context.scene.sparse_surface.inspection.strength = 0.5
+    np.testing.assert_allclose(seen(result), 0.5 * (before + after), atol=1e-6)
+
+
+def test_other_objects_have_no_strength_and_denoising_again_starts_afresh():
+    source = noisy_cube()
+    inspection = bpy.context.scene.sparse_surface.inspection
+    inspection.strength = 0.5
+    assert source.data.shape_keys is None
+    assert inspection.strength == 1.0
+    result = scenes.approximate(denoise="only")
+    inspection.strength = 0.5
+    scenes.select(source)
+    again = scenes.approximate(denoise="only")
+    assert again == result
+    assert inspection.strength == 1.0
+    scenes.select(source)
+    fitted = scenes.approximate(denoise="first", ring=4, degree=8, sparsity=8)
+    assert "noisy_position" not in fitted.data.attributes
+
+
+def test_a_group_of_the_attributes_name_gives_way():
+    source = noisy_cube()
+    source.vertex_groups.new(name="noisy_position").add([0], 1.0, "REPLACE")
+    result = scenes.approximate(denoise="only")
+    assert [group.name for group in result.vertex_groups] == ["noisy_position (source)"]
+    np.testing.assert_array_equal(
+        scenes.values(result.data, "noisy_position", "vector", 3), scenes.positions(source.data)
+    )
