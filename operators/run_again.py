@@ -5,11 +5,13 @@ from typing import Any
 
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
-from bpy.types import Context, Event, Operator
+from bpy.app.translations import pgettext_rpt as rpt_
+from bpy.types import Context, Event, Object, Operator
 
 from ..solver.errors import SettingsError
 from ..solver.settings import Settings
 from .data.objects import select_only
+from .data.origins import source_of, was_made
 from .data.result_keys import read_report
 from .run.poll import made_object, needs, no_run, object_mode, packages, result
 
@@ -75,11 +77,34 @@ class SPARSE_SURFACE_OT_run_again(Operator):
                 self.report({"ERROR"}, str(error))
                 return {"CANCELLED"}
         solve = bpy.ops.sparse_surface.reconstruct if _of_points(context) else bpy.ops.sparse_surface.approximate
-        select_only(context, [context.active_object])
+        chosen = [*_other_parts(context.active_object), context.active_object]
+        select_only(context, chosen)
+        hidden = sum(not each.select_get() for each in chosen)
+        if hidden:
+            text = rpt_("{} other parts of the surface are hidden; their borders with what is solved again come apart")
+            self.report({"WARNING"}, text.format(hidden))
         if bpy.app.background or self._before is None:
             return set(solve("EXEC_DEFAULT", True))
         solve("INVOKE_DEFAULT")  # from now on it runs by itself, and makes an undo step of its own
         return {"FINISHED"}
+
+
+def _other_parts(result: Object) -> list[Object]:
+    """Return the results that are parts of one surface with this one, one of each source that still exists."""
+    parts, sources = _parts(result), {source_of(result)}
+    found: list[Object] = []
+    for each in bpy.data.objects if parts else ():
+        source = source_of(each) if was_made(each) and _parts(each) == parts else None
+        if source is not None and source not in sources:
+            sources.add(source)
+            found.append(each)
+    return found
+
+
+def _parts(result: Object) -> Any:
+    """Return the names of the objects that were solved together, if the report says so."""
+    told = (read_report(result) or {}).get("input")
+    return told.get("parts") if isinstance(told, dict) else None
 
 
 def settings_of(context: Context) -> Settings:

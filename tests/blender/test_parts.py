@@ -132,11 +132,69 @@ def test_results_are_solved_again_together_and_replaced() -> None:
     assert not any(part.visible_get() for part in parts)
 
 
-def test_halves_of_a_ball_are_one_and_a_ball_elsewhere_is_another() -> None:
+def halves_of_a_ball() -> list[Any]:
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=1.0)
     ball = bpy.context.object
     separate(ball, [face.center.z > 0.0 for face in ball.data.polygons])
-    halves = list(bpy.context.selected_objects)
+    return sorted(bpy.context.selected_objects, key=lambda each: each.name)
+
+
+def test_one_part_runs_again_with_the_others() -> None:
+    """Run by itself its border came apart from theirs, and nothing said so."""
+    halves_of_a_ball()
+    scenes.approximate(replace_result=True)
+    made = results()
+    scenes.select(made[1])
+    bpy.context.scene.sparse_surface.degree = 6
+    assert bpy.ops.sparse_surface.run_again() == {"FINISHED"}
+    assert results() == made
+    assert local_open_edges(made) == 0
+    assert all(len(each["sparse_surface"]["input"]["parts"]) == 2 for each in made)
+
+
+def test_one_part_whose_others_are_hidden_says_so(capfd: pytest.CaptureFixture[str]) -> None:
+    halves_of_a_ball()
+    scenes.approximate(replace_result=True)
+    made = results()
+    made[0].hide_set(True)
+    scenes.select(made[1])
+    assert bpy.ops.sparse_surface.run_again() == {"FINISHED"}
+    assert "1 other parts of the surface are hidden" in capfd.readouterr().out
+    assert "parts" in made[0]["sparse_surface"]["input"]
+    assert "parts" not in made[1]["sparse_surface"]["input"]
+
+
+@pytest.mark.parametrize("chosen", ["one", "both", "with their sources"])
+@pytest.mark.parametrize("gesture", ["resample", "inspect_patch", "separate_patches", "domains_to_uv"])
+def test_gestures_that_need_functions_say_what_to_do(chosen: str, gesture: str) -> None:
+    sources = halves_of_a_ball()
+    scenes.approximate()
+    made = results()
+    scenes.select(*{"one": made[:1], "both": made, "with their sources": [*sources, *made]}[chosen])
+    bpy.context.view_layer.objects.active = made[0]
+    with pytest.raises(RuntimeError, match="Join its sources"):
+        getattr(bpy.ops.sparse_surface, gesture)()
+
+
+def test_joined_sources_keep_functions() -> None:
+    """What the refusal says leads to a surface that can be resampled, inspected and taken apart."""
+    sources = halves_of_a_ball()
+    scenes.approximate()
+    for each in sources:
+        each.hide_set(False)
+    scenes.select(*sources)
+    bpy.context.view_layer.objects.active = sources[0]
+    bpy.ops.object.join()
+    made = scenes.approximate()
+    assert made["sparse_surface"]["input"]["merged_vertices"] > 0
+    for gesture in ("inspect_patch", "separate_patches", "resample"):
+        scenes.select(made)
+        assert getattr(bpy.ops.sparse_surface, gesture)() == {"FINISHED"}
+    assert local_open_edges([bpy.context.object]) == 0
+
+
+def test_halves_of_a_ball_are_one_and_a_ball_elsewhere_is_another() -> None:
+    halves = halves_of_a_ball()
     assert len(halves) == 2
     assert all(len(half.data.polygons) for half in halves)
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3, location=(5.0, 0.0, 0.0))
