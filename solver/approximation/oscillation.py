@@ -51,12 +51,13 @@ def oscillating_on_mesh(surface: MeshSurface) -> Iterator[tuple[Booleans, MeshOb
     """
     observed = _errors_observed(surface)
     oscillating = errors_between(surface) > OVERSHOOT * observed
+    # of the initial domains: which these are does not change with the fits, and before them nothing is to be assembled
+    uneven = UnevenTriangles.of(surface.representation(), surface.runner.each)
     if oscillating.any():
         yield oscillating, surface.observations.with_dense(oscillating)
     patches = surface.patches
     sizes = surface.mesh.piece_sizes[patches.mesh_triangles[patches.triangle_offsets[:-1]]]
     allowed = np.maximum(OVERSHOOT * observed, NEGLIGIBLE * sizes)
-    uneven = UnevenTriangles.of(surface.representation(), surface.runner.each)
     if not uneven.patches.any():
         return
 

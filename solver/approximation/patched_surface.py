@@ -224,8 +224,9 @@ class PatchedSurface(Generic[Observing]):
     def restore(self, fits: list[PatchFit], observations: Observing) -> None:
         """Take earlier fits of all patches, and the observations that they were fitted to."""
         self.observations = observations
+        if any(fit is not own for fit, own in zip(fits, self._fits, strict=True)):
+            self._outdate()
         self._fits = list(fits)
-        self._outdate()
 
     def values_at(self, patch: int, observations: PatchObservations) -> Array:
         """A fitted patch's own surface at observations of its triangles, (N, 3), scene units."""
@@ -365,16 +366,15 @@ class PatchedSurface(Generic[Observing]):
 
     def _sweep_task(self, chunk: Indices) -> Task:
         """Problems of some patches against what all the others leave, started from their fits."""
-        fits = self._fits_of(chunk)
+        fits, points = self._fits_of(chunk), self.observations.points
         if self._observed is not None:
-            remainder = Remainder(fits, Blend(self.observations.points, self.blended), ANTI_DRIFT)
+            remainder = Remainder(fits, Blend(points, self.blended), ANTI_DRIFT)
             return self._mesh_task(self._observed, chunk, self.settings, remainder)
         problems = []
         for k, fit in zip(map(int, chunk), fits, strict=True):
             own = self.observations.of_patch(k)
             alone = problems_of(self.observations, own, self.domains, self.settings, k)
-            left = self.observations.points[own.number] - self.blended[own.number]
-            left += own.blending[:, None] * fit.values
+            left = points[own.number] - self.blended[own.number] + own.blending[:, None] * fit.values
             problems += against_remainder(alone, own, left, fit, METHODS[self.settings.method].keeps_balance)
         return ChunkTask(chunk, problems, self.settings)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Indices
 from ..mesh.input_checks import checked_edges, checked_faces, checked_triangulation, checked_vertices
 from ..mesh.triangulation import triangulate
-from ..mesh.welding import Weld, close_distances, find_copies
+from ..mesh.welding import Weld, close_distances, find_copies, largest_distance, stand_apart
 from ..patches.observations import checked_weights
 from ..progress import Progress, Steps, relayed
 from ..settings import Settings
@@ -101,6 +101,8 @@ def held_together(given: MeshInput, settings: Settings) -> Welded | None:
     if not settings.merge_vertices:
         return None
     points = checked_vertices(given.positions)
+    if stand_apart(points, settings.merge_distance or largest_distance(np.asarray(given.positions))):
+        return None
     corners, offsets = checked_faces(given.faces, len(points))
     if given.triangles is None:
         triangles, polygon = triangulate(points, corners, offsets)

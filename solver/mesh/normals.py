@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Indices, length_of, rows_at, sum_of
+from ..arrays import Array, Indices, length_of, rows_at, slices_of, sum_of
 
 TRIANGLES_AT_ONCE = 50_000
 """More do not fit into the cache, and arrays for a million triangles are taken from the system each time."""
@@ -28,8 +28,7 @@ def cross(one: Array, other: Array) -> Array:
 def area_vectors(vertices: Array, triangles: Indices) -> Array:
     """Return (b - a) x (c - a) of each triangle, (T, 3): along its normal, twice its area long."""
     vectors = np.empty((len(triangles), 3))
-    for first in range(0, len(triangles), TRIANGLES_AT_ONCE):
-        rows = slice(first, first + TRIANGLES_AT_ONCE)
+    for rows in slices_of(len(triangles), TRIANGLES_AT_ONCE):
         a, b, c = (rows_at(vertices, corner) for corner in triangles[rows].T)
         vectors[rows] = cross(b - a, c - a)
     return vectors
@@ -42,7 +41,10 @@ def triangle_areas(vertices: Array, triangles: Indices) -> Array:
 
 def face_normals(vertices: Array, triangles: Indices) -> Array:
     """Return the unit normals of triangles, (T, 3), zero where one has no area."""
-    return unit(area_vectors(vertices, triangles))
+    normals = area_vectors(vertices, triangles)
+    for rows in slices_of(len(triangles), TRIANGLES_AT_ONCE):
+        normals[rows] = unit(normals[rows])
+    return normals
 
 
 def normals_and_areas(vertices: Array, triangles: Indices) -> tuple[Array, Array]:

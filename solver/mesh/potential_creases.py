@@ -6,11 +6,12 @@ line of edges and hardly at the lines beside it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Booleans, Indices, any_of, rows_at
+from ..arrays import Array, Booleans, Indices, any_of, rows_at, slices_of
 from .edges import connected_parts
 from .normals import angle_between, face_normals
 from .triangle_mesh import TriangleMesh, cut_along
@@ -33,6 +34,9 @@ STEEP = 75.0
 FLAT, FEWEST_BESIDE = 0.1, 4
 """Triangles that bend by less, degrees, are one flat face; how many triangles the faces on both sides of a rim that may
 be short must have: in wild noise two are flat by chance."""
+
+EDGES_AT_ONCE = 50_000
+"""Edges whose triangles' normals are gathered together: more would leave the cache."""
 
 
 @dataclass(frozen=True)
@@ -153,28 +157,30 @@ def _steep_edges(
 
 def dihedrals(mesh: TriangleMesh) -> Array:
     """Angle between the two triangles of each edge, (E,), degrees; 0 on borders and beside triangles without area."""
-    known, one, other = _normals_beside(mesh)
     angles = np.zeros(len(mesh.edges))
-    angles[known] = np.degrees(angle_between(one, other))
+    for known, one, other in _normals_beside(mesh):
+        angles[known] = np.degrees(angle_between(one, other))
     return angles
 
 
 def beside_sharp_edges(mesh: TriangleMesh, degrees: float) -> Booleans:
     """Triangles beside edges that bend by more than an angle below 180 degrees, (T,)."""
-    known, one, other = _normals_beside(mesh)
-    sharp = np.flatnonzero(known)[np.einsum("nd,nd->n", one, other) < np.cos(np.radians(degrees))]
     beside = np.zeros(len(mesh.triangles), dtype=bool)
-    beside[mesh.edge_triangles[sharp]] = True
+    for known, one, other in _normals_beside(mesh):
+        sharp = known[np.einsum("nd,nd->n", one, other) < np.cos(np.radians(degrees))]
+        beside[mesh.edge_triangles[sharp]] = True
     return beside
 
 
-def _normals_beside(mesh: TriangleMesh) -> tuple[Booleans, Array, Array]:
-    """Which edges have two triangles with an area, (E,), and the normals of both, (n, 3)."""
-    normals = face_normals(mesh.vertices, mesh.triangles)
-    turned = normals * np.where(mesh.winding < 0, -1.0, 1.0)[:, None]
-    one, other = (rows_at(turned, sides) for sides in mesh.edge_triangles.T)
-    known = (mesh.edge_triangles[:, 1] >= 0) & any_of(one != 0.0) & any_of(other != 0.0)
-    return known, one[known], other[known]
+def _normals_beside(mesh: TriangleMesh) -> Iterator[tuple[Indices, Array, Array]]:
+    """Yield the edges that have two triangles with an area, some at a time, (n,), and the normals of both, (n, 3)."""
+    normals, turned = face_normals(mesh.vertices, mesh.triangles), mesh.winding < 0
+    normals[turned] = -normals[turned]
+    usable = any_of(normals != 0.0)
+    for rows in slices_of(len(mesh.edges), EDGES_AT_ONCE):
+        one, other = mesh.edge_triangles[rows].T
+        known = np.flatnonzero((other >= 0) & usable[one] & usable[other])
+        yield rows.start + known, rows_at(normals, one[known]), rows_at(normals, other[known])
 
 
 def cut_along_marked(mesh: TriangleMesh, marked: Indices) -> TriangleMesh:

@@ -73,6 +73,8 @@ class TriangleMesh:
         those that no triangle uses.
     creases
         Edges along which the mesh is cut as pairs of vertices, (C, 2), the smaller number first, sorted.
+    crowded
+        Whether some edges have more than two triangles.
     """
 
     vertices: Array
@@ -96,6 +98,7 @@ class TriangleMesh:
     collapsed: Booleans
     passed_through: Booleans
     creases: Indices
+    crowded: bool
 
     @property
     def node_count(self) -> int:
@@ -276,6 +279,7 @@ def _with_topology(
         collapsed=collapsed,
         passed_through=passed_through,
         creases=np.zeros((0, 2), dtype=np.int64),
+        crowded=len(crowded) > 0,
         **found,
     )
 

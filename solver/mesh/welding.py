@@ -39,6 +39,12 @@ MOST_NEIGHBOURS = 64
 CELL_MARGIN = 0.01
 """By what share the cells in which copies are looked for are larger than they need be: more than rounding takes."""
 
+DIRECTION = np.array([1.0, 0.618034, 0.324718]) / 1.219553
+"""Along it the points of few meshes lie at one place: its coordinates have no simple ratios."""
+
+MOST_STEPS = 16
+"""How many points on, in their order along `DIRECTION`, one is looked for that may be near."""
+
 LARGEST_KEY = 2.0**62
 ROWS_AT_ONCE = 1 << 16
 
@@ -119,6 +125,36 @@ def find_copies(vertices: NDArray[np.generic], triangles: Indices, distance: flo
             return weld
         weld = find_weld(points, triangles, allowed)
     return weld
+
+
+def largest_distance(vertices: NDArray[Any]) -> float:
+    """What `automatic_distance` does not exceed, whatever the triangles."""
+    if not len(vertices):
+        return 0.0
+    low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+    step = float(np.finfo(vertices.dtype.char).eps) if vertices.dtype.kind == "f" else 0.0
+    return max(COINCIDENT * float((high - low).max()), ROUNDINGS * step * float(np.abs([low, high]).max()))
+
+
+def stand_apart(points: Array, distance: float) -> bool:
+    """Whether certainly no two points (V, 3) are within a distance: then `find_weld` finds nothing.
+
+    Only points that are near each other along a line can be near.  It takes a tenth of the time of finding open sides.
+    """
+    along = points @ DIRECTION
+    order = np.argsort(along)
+    along = along[order]
+    largest = float(np.abs(points).max(initial=0.0))
+    near = distance * (1.0 + CELL_MARGIN) + 32.0 * float(np.finfo(np.float64).eps) * largest
+    first = np.arange(len(points))
+    for step in range(1, MOST_STEPS + 1):
+        first = first[: np.searchsorted(first, len(points) - step)]
+        first = first[along[first + step] - along[first] <= near]
+        if not len(first):
+            return True
+        if (length_of(points[order[first + step]] - points[order[first]]) <= near).any():
+            return False
+    return False
 
 
 def may_coincide(vertices: NDArray[np.floating[Any]], distance: float) -> bool:

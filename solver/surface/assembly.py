@@ -9,6 +9,7 @@ from ..fitting.chunks import PatchFit
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.patches import Patches
 from ..settings import Settings
+from .closing import Fans
 from .representation import Representation
 
 
@@ -21,7 +22,7 @@ def assemble(
     def joined(arrays: list[Array]) -> Array:
         return np.concatenate(arrays, axis=1) if arrays else np.zeros((channels, 0, 2))
 
-    return Representation(
+    made = Representation(
         vertices=mesh.vertices,
         triangles=mesh.triangles,
         polygon=mesh.polygon,
@@ -48,3 +49,6 @@ def assemble(
         initial=settings.initial_domain,
         creases=mesh.creases,
     )
+    if (fans := Fans.of_mesh(mesh)) is not None:
+        made.take_cover({"fans": fans})
+    return made

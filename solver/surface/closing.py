@@ -33,7 +33,9 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ..arrays import Array, Indices, any_of, slices_of
+from ..mesh.edges import edge_keys
 from ..mesh.topology import fans_between_creases, mean_over_nodes
+from ..mesh.triangle_mesh import TriangleMesh
 from ..native.bounds import Correction
 from ..processes.each import Each
 
@@ -74,6 +76,21 @@ class Fans:
         if not len(creases):
             return cls(triangles, np.arange(vertices), np.zeros((0, 2), dtype=np.int64))
         return cls(*fans_between_creases(triangles, creases, vertices))
+
+    @classmethod
+    def of_mesh(cls, mesh: TriangleMesh) -> Fans | None:
+        """The same of a mesh that is cut along its creases; None where its nodes are others, or it has no creases."""
+        if mesh.crowded or not len(mesh.creases):
+            return None
+        edge = np.flatnonzero(mesh.edge_triangles[:, 1] < 0)
+        triangle = mesh.edge_triangles[edge, 0]
+        corner = (mesh.triangle_edges[triangle] == edge[:, None]).argmax(axis=1)
+        vertices, (low, high) = len(mesh.vertices), mesh.creases.T
+        key = edge_keys(mesh.triangles[triangle, corner], mesh.triangles[triangle, (corner + 1) % 3], vertices)
+        own = np.flatnonzero(np.isin(key, edge_keys(low, high, vertices)))
+        sides = 3 * triangle[own] + corner[own]
+        sides = sides[np.lexsort((sides, key[own]))]
+        return cls(mesh.nodes, mesh.node_vertex, sides.reshape(-1, 2)) if len(own) == 2 * len(mesh.creases) else None
 
     def of_patches(self, vertices: Indices, corners: NDArray[np.integer[Any]], triangles: Indices) -> Indices:
         """Node of each patch vertex, (M,), from its vertex and the patch triangles' corners and mesh triangles."""

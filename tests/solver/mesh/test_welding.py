@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sparse_surface.solver.errors import InputError
-from sparse_surface.solver.mesh.welding import automatic_distance, find_weld, may_coincide
+from sparse_surface.solver.mesh.welding import (
+    automatic_distance,
+    find_weld,
+    largest_distance,
+    may_coincide,
+    stand_apart,
+)
 
 GRID = 5
 
@@ -130,3 +136,26 @@ def test_copies_are_never_overlooked_and_seldom_supposed() -> None:
             assert may_coincide(np.concatenate([places, [far.astype(kind)]]), 0.05)
     assert may_coincide(np.zeros((3, 3)), 0.0)
     assert may_coincide(grid, 1e-9)  # more cells than can be numbered
+
+
+@given(st.integers(2, 60), st.sampled_from([1e-6, 0.02, 0.1, 0.5]), st.integers(0, 1000))
+def test_points_stand_apart_only_where_all_do(count: int, distance: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    points = random.random((count, 3)) * [1.0, 1.0, seed % 2]
+    copied = random.integers(count, size=2)
+    points[copied[0]] = points[copied[1]] + 0.99 * distance * random.uniform(-0.5, 0.5, 3) * (seed % 3 == 0)
+    away = np.linalg.norm(points[:, None] - points, axis=2)[np.triu_indices(count, 1)]
+    if stand_apart(points, distance):
+        assert away.min() > distance
+
+
+def test_points_of_grids_are_known_to_stand_apart() -> None:
+    for points in (sheet(60)[0], sheet(60)[0] * [1.0, 1.0, 0.0] + [5e5, 5e6, 0.0]):
+        distance = largest_distance(points)
+        assert distance >= automatic_distance(points, sheet(60)[1])
+        assert stand_apart(points, distance)
+        assert not stand_apart(np.concatenate([points, points[7:8] + 0.5 * distance]), distance)
+    assert not stand_apart(np.zeros((3, 3)), 0.0)
+    assert stand_apart(np.zeros((1, 3)), 0.0)
+    whole = np.arange(12).reshape(-1, 3)
+    assert largest_distance(whole) >= automatic_distance(whole, np.array([[0, 1, 2]]))

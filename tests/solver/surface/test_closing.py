@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sparse_surface.benchmarks.generated_models import cylinder, flower
+from sparse_surface.benchmarks.generated_models import cylinder, flower, moebius, thin_torus
 from sparse_surface.solver import Approximation, Representation, Settings, approximate, resample
-from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.mesh.triangle_mesh import build_mesh, cut_along
 from sparse_surface.solver.surface.bounds import error_bounds
-from sparse_surface.solver.surface.closing import SLIDE, Closing
+from sparse_surface.solver.surface.closing import SLIDE, Closing, Fans
 from sparse_surface.solver.surface.inspection import single_patch
 
 Array = NDArray[np.float64]
@@ -217,3 +217,22 @@ def test_reports_say_what_was_cut() -> None:
     assert "creases" not in off.report
     assert off.creases is None
     assert not len(off.representation.creases)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.6, 1.0])
+def test_the_fans_of_a_cut_mesh_are_its_nodes(share: float) -> None:
+    random = np.random.default_rng(int(100 * share))
+    for vertices, faces in (cylinder(), moebius()[:2], thin_torus()[:2]):
+        triangles = build_mesh(vertices, faces).triangles
+        collapsed = triangles[::40, [0, 0, 1]]
+        for own in (triangles, np.concatenate([triangles[random.random(len(triangles)) > 0.05], collapsed])):
+            mesh = build_mesh(vertices, own)
+            mesh = cut_along(mesh, (random.random(len(mesh.edges)) < share) & (mesh.edge_triangles[:, 1] >= 0))
+            found, expected = Fans.of_mesh(mesh), Fans.of(mesh.triangles, mesh.creases, len(vertices))
+            assert (found is None) == (not len(mesh.creases))
+            if found is not None:
+                for name in ("corners", "vertex", "sides"):
+                    assert np.array_equal(getattr(found, name), getattr(expected, name))
+        fin = np.concatenate([triangles, triangles[:3, [0, 1, 1]] + [0, 0, 7]])  # three triangles at an edge
+        mesh = build_mesh(vertices, fin)
+        assert Fans.of_mesh(cut_along(mesh, mesh.edge_triangles[:, 1] >= 0)) is None
