@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import sphere
 from sparse_surface.solver import approximate
+from sparse_surface.solver.arrays import Array, Indices
 from sparse_surface.solver.fitting import chunks as by_numpy
 from sparse_surface.solver.fitting import native_chunks as chunks
 from sparse_surface.solver.fitting.batch import Problem, WarmStart
@@ -117,6 +118,23 @@ def test_what_a_fit_says_agrees_with_itself(instructions: str) -> None:
         np.testing.assert_allclose(fit.history[-1], fit.values[:vertices], atol=1e-6)
         assert fit.squared_error[-1] == pytest.approx(((fit.values - one.values) ** 2).sum(), rel=1e-3)
         assert (np.diff(fit.energy[8:]) <= 1e-12).all()
+
+
+def doubled_areas(domain: Array, triangles: Indices) -> Array:
+    a, b, c = (domain[triangles[:, k]] for k in range(3))
+    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+
+
+def test_no_triangle_shrinks_to_less_than_a_fiftieth(instructions: str) -> None:
+    """Linear functions fit plateaus only over a domain that shrinks each of them to a point."""
+    flat = problem(lambda u, v: 0.0 * u, 12, degree=1)
+    plateaus = np.tanh(6.0 * flat.signals)
+    settings = Settings(degree=1, iterations=60, beta1=1e-9, beta2=0.0).resolved()
+    task = task_of([replace(flat, signals=plateaus, values=plateaus)], settings)
+    fit = chunks.fit_natively(task, instructions)[0]
+    shares = doubled_areas(fit.domain[0], flat.triangles) / doubled_areas(fit.initial_domain[0], flat.triangles)
+    assert shares.min() >= 0.02 - 1e-9
+    assert shares.min() < 0.03, "nothing came near the floor"
 
 
 def test_sweeps_continue_from_earlier_solutions_as_with_numpy(instructions: str) -> None:

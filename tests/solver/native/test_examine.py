@@ -12,8 +12,9 @@ import scipy.optimize
 from numpy.polynomial import legendre
 from sparse_surface.solver.arrays import Array, Indices
 from sparse_surface.solver.fitting.batch import Problem, WarmStart, frame_of
+from sparse_surface.solver.fitting.chunks import ChunkTask
 from sparse_surface.solver.fitting.dictionary import Dictionary
-from sparse_surface.solver.fitting.native_chunks import Prepared, native_settings
+from sparse_surface.solver.fitting.native_chunks import Prepared, fit_natively, native_settings
 from sparse_surface.solver.native.library import function
 from sparse_surface.solver.settings import Settings
 from synthetic import crease, problem
@@ -32,15 +33,17 @@ class Examination(ctypes.Structure):
 class Examined:
     """What the kernel computes of a problem at a domain (m, 2) in its frame."""
 
-    def __init__(self, given: Problem, domain: Array, support: Indices, instructions: str) -> None:
+    def __init__(
+        self, given: Problem, domain: Array, support: Indices, instructions: str, settings: Settings = SETTINGS
+    ) -> None:
         warm = replace(given, warm=WarmStart(frame_of(given), domain, support))
-        prepared = Prepared.of([warm], SETTINGS)
+        prepared = Prepared.of([warm], settings)
         size = len(DEGREES)
         self.gram, self.correlation = np.empty((size, size)), np.empty((3, size))
         self.energy, self.force, self.move = np.empty(1), np.empty((2, len(domain))), np.empty((2, len(domain)))
         out = Examination(*(array.ctypes.data for array in vars(self).values()))
-        settings = native_settings(SETTINGS)
-        assert function("examine", instructions)(prepared.address, byref(settings), byref(out)) == 0
+        asked = native_settings(settings)
+        assert function("examine", instructions)(prepared.address, byref(asked), byref(out)) == 0
 
 
 def given_problem() -> Problem:
@@ -78,7 +81,7 @@ def jacobians(given: Problem, domain: Array) -> tuple[Array, Array]:
     return maps, np.abs(np.linalg.det(before)) / 2.0
 
 
-def energy(given: Problem, domain: Array) -> float:
+def energy(given: Problem, domain: Array, settings: Settings = SETTINGS) -> float:
     """Eq. 3 with the best coefficients, by least squares and singular values."""
     functions, values = weighted_functions(given, domain), weighted_values(given)
     total = 0.0
@@ -90,7 +93,7 @@ def energy(given: Problem, domain: Array) -> float:
     stretches[:, 1] *= np.sign(np.linalg.det(maps))
     start = frame_of(given).put_in(given.domain)
     rigidity = (area * ((stretches - 1.0) ** 2).sum(axis=1)).sum()
-    return float(total + SETTINGS.beta1 * ((domain - start) ** 2).sum() + SETTINGS.beta2 * rigidity)
+    return float(total + settings.beta1 * ((domain - start) ** 2).sum() + settings.beta2 * rigidity)
 
 
 def test_gram_matrix_and_correlations_are_the_sums_over_observations(instructions: str) -> None:
@@ -147,3 +150,23 @@ def test_the_move_solves_the_gauss_newton_system(instructions: str) -> None:
     system += SETTINGS.beta1 * np.eye(2 * count) + SETTINGS.beta2 * np.kron(np.eye(2), laplacian)
     expected = np.linalg.solve(system, examined.force.ravel())
     np.testing.assert_allclose(examined.move.ravel(), expected, atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5])
+def test_a_step_uphill_is_not_taken(instructions: str, seed: int) -> None:
+    """Over noise, and with little to hold the domain, a Gauss-Newton step soon leads beyond the valley."""
+    plain, settings = given_problem(), replace(SETTINGS, iterations=1, beta1=1e-3, beta2=1e-3)
+    noise = np.random.default_rng(seed).normal(0.0, 0.1, plain.values.shape)
+    given = replace(plain, values=plain.values + noise)
+    domain = frame_of(given).put_in(given.domain)
+    for _ in range(20):
+        before, low = domain, energy(given, domain, settings)
+        move = Examined(given, domain, SUPPORT, instructions, settings).move.T
+        warm = replace(given, warm=WarmStart(frame_of(given), domain, SUPPORT))
+        domain = fit_natively(ChunkTask(np.arange(1), [warm], settings), instructions)[0].domain[0]
+        assert energy(given, domain, settings) <= low * (1.0 + 1e-9)
+        if np.array_equal(domain, before):
+            break
+    np.testing.assert_array_equal(domain, before)
+    assert np.linalg.det(jacobians(given, before + move)[0]).min() > 0.05, "the floor does not shorten the step"
+    assert 1.01 < energy(given, before + move, settings) / low < 1.5

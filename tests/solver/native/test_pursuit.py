@@ -92,6 +92,25 @@ def test_exchanges_are_those_of_least_squares_for_every_candidate(instructions: 
     assert list(pursue(functions @ functions.T, functions @ signal, 9, instructions)) == expected
 
 
+def test_exchanges_are_made_however_little_they_gain(instructions: str) -> None:
+    rng, ratios = np.random.default_rng(3), []
+    for _ in range(80):
+        functions = rng.normal(size=(12, 30)) + rng.normal(size=30)
+        signal = rng.normal(size=30) + rng.normal(size=12) @ functions
+        expected = greedily(functions, signal, 4)
+        for place in range(4):
+            others = expected[:place] + expected[place + 1 :]
+            rest = [j for j in range(len(functions)) if j not in others]
+            left = {j: left_over(functions, signal, [*others, j]) for j in rest}
+            best, without = min(rest, key=left.__getitem__), left_over(functions, signal, others)
+            ratios.append((without - left[best]) / (without - left[expected[place]]))
+            expected[place] = best
+        assert list(pursue(functions @ functions.T, functions @ signal, 4, instructions, worth=1e-300)) == expected
+    gained = np.array(ratios)[np.array(ratios) > 1.0]
+    assert gained.min() < 1.1
+    assert gained.max() > 1.5
+
+
 @pytest.mark.parametrize("own_part", [1e-2, 1e-3, 1e-4])
 def test_exchanging_functions_that_nearly_depend_on_others_makes_nothing_worse(
     instructions: str, own_part: float

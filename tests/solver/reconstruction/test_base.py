@@ -170,6 +170,21 @@ def test_a_fit_that_would_fold_the_base_goes_only_part_of_the_way() -> None:
     assert without_folds(mesh, wanted) is mesh
 
 
+def test_a_riser_whose_treads_are_drawn_past_each_other_does_not_turn_over() -> None:
+    """Points over the lower tread rise towards the riser and those under the upper one fall, beyond each other."""
+    stairs = [(-1.0, 0.0), (0.0, 0.0), (0.0, 0.1), (1.0, 0.1)]
+    vertices = np.array([[x, y, z] for x, z in stairs for y in (0.0, 1.0)])
+    mesh = checked_base(vertices, np.array([[2 * k, 2 * k + 2, 2 * k + 3, 2 * k + 1] for k in range(3)]))
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0.3, 1.0, 16), np.linspace(0.0, 1.0, 16)))
+    lower, upper = np.stack([-x, y, 0.2 - 0.2 * x], axis=1), np.stack([x, y, 0.2 * x - 0.1], axis=1)
+    drawn = drawn_to_points(mesh, np.concatenate([lower, upper]), np.ones(2 * len(x)))
+    corners = np.stack([mesh.vertices, drawn.vertices])[:, mesh.triangles]
+    before, after = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    assert ((before * after).sum(axis=1) > 0.0).all()
+    assert (drawn.vertices[2:4, 2] > 0.01).all()
+    assert (drawn.vertices[4:6, 2] < 0.09).all()
+
+
 def test_the_border_comes_back_to_the_points_and_the_inside_stays() -> None:
     mesh, _ = equilateral()
     shares = np.random.default_rng(3).dirichlet([1.0, 1.0, 1.0], (len(mesh.triangles), 300))

@@ -78,6 +78,16 @@ class Forgery:
         self.parts[name] = lzma.compress(content, lzma.FORMAT_RAW, filters=chain(0, len(content)))
         self.table[name] = [kind, planes.shape[1], 0, len(self.parts[name])]
 
+    def replace(self, name: str, place: int, value: int) -> None:
+        """Put one other whole number into a block."""
+        width, count, coding, _ = self.table[name]
+        raw = lzma.decompress(self.parts[name], lzma.FORMAT_RAW, filters=chain(coding, width * count))
+        planes = np.frombuffer(raw, np.uint8).reshape(width, count).copy()
+        planes[:, place] = np.frombuffer((2 * value).to_bytes(width, "little"), np.uint8)
+        content = planes.tobytes()
+        self.parts[name] = lzma.compress(content, lzma.FORMAT_RAW, filters=chain(coding, len(content)))
+        self.table[name] = [width, count, coding, len(self.parts[name])]
+
     def content(self) -> bytes:
         table = lzma.compress(json.dumps(self.table).encode(), lzma.FORMAT_ALONE)
         data = b"".join([len(table).to_bytes(4, "little"), table, *self.parts.values()])
@@ -178,6 +188,30 @@ def test_sizes_that_would_fill_the_memory_are_refused(change: str) -> None:
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize("quality", ["exact", "compact"])
+def test_a_function_after_the_last_is_refused(quality: str) -> None:
+    """There are 45 polynomials of two variables up to degree 8, numbered from 0."""
+    support = Representation.from_bytes(file(quality)).support[0, 0]
+    last, made = int((support >= 0).sum()) - 1, Forgery(quality)
+    if quality == "exact":
+        made.replace("exact_support", last, 44)
+        assert Representation.from_bytes(made.content()).support[0, 0, last] == 44
+        made.replace("exact_support", last, 45)
+    else:  # steps from one function of a signal to the next, those of all signals together
+        made.replace("support", last * 3 * made.head["sizes"]["patches"], 45 - int(support[last - 1]))
+    with pytest.raises(FileFormatError, match="a function is not in its dictionary"):
+        Representation.from_bytes(made.content())
+
+
+def test_two_domains_are_refused() -> None:
+    """A coordinate has a domain of its own, or all share one; a file of two, complete in all blocks, is none."""
+    surface = Representation.from_bytes(file("exact"))
+    twice = {name: np.repeat(getattr(surface, name), 2, axis=0) for name in ("domains", "initial_domains")}
+    data = replace(surface, **twice, scales=np.repeat(surface.scales, 2, axis=1)).stored
+    with pytest.raises(FileFormatError, match="it has 2 domains for each patch"):
+        Representation.from_bytes(data)
 
 
 def test_patches_that_are_no_disks_are_refused_in_a_sentence() -> None:
