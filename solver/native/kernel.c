@@ -25,3 +25,6 @@
 #include "nearest.c"
 #include "domains.c"
 #include "parameterisation.c"
+#include "entropy.c"
+#include "growth.c"
+#include "walk.c"

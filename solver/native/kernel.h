@@ -32,7 +32,13 @@
 #define ONE_COPY __attribute__((noinline))
 #define ENTRY(name) EXPORTED WITH_SUFFIX(name, INSTRUCTIONS)
 
-typedef enum { DONE = 0, OUT_OF_MEMORY = 1, NOT_IN_A_TRIANGLE = 2, UNKNOWN_FUNCTION = 3 } Status;
+typedef enum {
+    DONE = 0,
+    OUT_OF_MEMORY = 1,
+    NOT_IN_A_TRIANGLE = 2,
+    UNKNOWN_FUNCTION = 3,
+    CUT_SHORT = 4, /* a file ends too early, or holds numbers that lead nowhere */
+} Status;
 
 enum { PAD = 8, FRAME_SIZE = 10 };
 

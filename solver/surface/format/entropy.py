@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Indices
+from ...native.library import reason_against
+from ...native.stored import StoredNumbers
 from ..container import demand
 from .blocks import BlockReader, BlockWriter
 
@@ -149,7 +151,7 @@ class NumberReader:
         sums = table.sum(axis=1)
         demand((table >= 0).all() and ((sums == SCALE) | (sums == 0)).all(), f"{name} has a wrong table")
         self._known = sums > 0
-        self._symbol = np.zeros((CONTEXTS, SCALE), dtype=np.int64)
+        self._symbol = np.zeros((CONTEXTS, SCALE), dtype=np.uint8)
         for row, own in zip(self._symbol, table, strict=True):
             if own.any():
                 row[:] = np.repeat(np.arange(used), own)
@@ -160,10 +162,20 @@ class NumberReader:
         bits = blocks.raw(f"{name}_bits", "|u1", 6 * most + 1)
         self._bits = np.concatenate([bits, np.zeros(16, dtype=np.uint8)])
         self._at, self._word, self._bit, self._name = 0, 0, 0, name
+        self._native = None
+        if not reason_against():
+            tables = self._symbol, self._frequency, self._start
+            self._native = StoredNumbers(*tables, self._states, self._words, self._bits)
 
     def take(self, contexts: Indices) -> Indices:
         """Return the next numbers, (n,), for contexts (n,)."""
         demand(self._known[contexts].all(), f"{self._name} has a wrong table")
+        found = self._take(contexts) if self._native is None else self._native.take(contexts)
+        demand(found is not None, f"{self._name} is cut")
+        assert found is not None
+        return found
+
+    def _take(self, contexts: Indices) -> Indices:
         symbol, lanes, done = np.empty(len(contexts), dtype=np.int64), len(self._states), 0
         while done < len(contexts):
             lane = (self._at + done) % lanes
@@ -183,7 +195,7 @@ class NumberReader:
     def _step(self, lanes: slice, contexts: Indices) -> Indices:
         state = self._states[lanes]
         slot = state & np.uint64(SCALE - 1)
-        symbol = self._symbol[contexts, slot.astype(np.int64)]
+        symbol = self._symbol[contexts, slot.astype(np.int64)].astype(np.int64)
         state = (
             self._frequency[contexts, symbol] * (state >> np.uint64(SCALE_BITS)) + slot - self._start[contexts, symbol]
         )

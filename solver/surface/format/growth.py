@@ -13,6 +13,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...arrays import Array, Booleans, Indices
+from ...native import stored
+from ...native.library import reason_against
 from ..container import demand
 from .entropy import CONTEXTS, NumberReader, NumberWriter, whole_numbers
 
@@ -75,21 +77,25 @@ class Reading:
 
 
 def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
-    """Yield places in the order in which they become known.
+    """Go through places in the order in which they become known.
 
     Parameters
     ----------
     targets, sources
         The links, (Q,) and (Q, n).
     known
-        Places that are known at the start, (N,); changed in place.
+        Places that are known at the start, (N,); at the end those that are known then.
 
-    Yields
-    ------
-    places, links, owner
+    Returns
+    -------
+    An iterator over `places, links, owner`
         Places that become known together, ascending; the links that predict them, and the position among the places of
         the target of each.
     """
+    return _rounds(targets, sources, known) if reason_against() else stored.rounds(targets, sources, known)
+
+
+def _rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
     count, width = sources.shape
     ones, bounds = np.ones(count * width, dtype=np.int8), np.arange(0, count * width + 1, width)
     from_source = csr_array((ones, sources.ravel(), bounds), shape=(count, len(known))).tocsc()

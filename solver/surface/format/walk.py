@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Indices
+from ...native.library import reason_against
+from ...native.stored import fans_of_walk
 from ..container import demand
 
 GONE = -1
@@ -49,12 +51,33 @@ class Walk:
             When there are more than `most`, or the numbers are not those of a walk.
         """
         demand(self.valences.min(initial=1) >= 0 and int(self.valences.sum()) <= 3 * most, "a walk is too long")
-        front = _Filling(self)
-        try:
-            front.fill()
-        except IndexError:
-            demand(False, "a walk is cut")
-        return front.triangles(most)
+        fans, met = _filled(self) if reason_against() else _filled_natively(self)
+        centre, start, end, new, first = fans.T
+        demand(met == len(self.valences) and int((new + 1).sum()) <= most, "a walk has too many triangles")
+        ends = np.cumsum(new + 1)
+        of = np.repeat(np.arange(len(fans)), new + 1)
+        rank = np.arange(len(of)) - np.repeat(ends - new - 1, new + 1)
+        one = np.where(rank == 0, start[of], first[of] + rank - 1)
+        two = np.where(rank == new[of], end[of], first[of] + rank)
+        return np.stack([centre[of], one, two], axis=1)
+
+
+def _filled(walk: Walk) -> tuple[Indices, int]:
+    """Return the fans, (n, 5): centre, before, behind, number of new vertices, first of them; and the vertices met."""
+    filling = _Filling(walk)
+    try:
+        filling.fill()
+    except IndexError:
+        demand(False, "a walk is cut")
+    return np.array(filling.fans, dtype=np.int64).reshape(-1, 5), filling.met
+
+
+def _filled_natively(walk: Walk) -> tuple[Indices, int]:
+    """Return the same by the compiled kernel."""
+    found = fans_of_walk(walk.valences, walk.forks, walk.gaps, walk.targets)
+    demand(found is not None, "a walk is cut")
+    assert found is not None
+    return found
 
 
 class Front:
@@ -128,19 +151,19 @@ class _Filling:
     """Follows a walk, and notes its fans: around which vertex, between which, and with which new ones."""
 
     def __init__(self, walk: Walk) -> None:
-        self._walk, self._met = walk, 0
+        self._walk, self.met = walk, 0
         self._left = (walk.valences - 3).tolist()
         self._gaps, self._targets = iter(walk.gaps.tolist()), iter(walk.targets.tolist())
         self._front = Front(len(walk.valences))
-        self._fans: list[tuple[int, int, int, int, int]] = []
+        self.fans: list[tuple[int, int, int, int, int]] = []
 
     def fill(self) -> None:
         """Fill the gaps of all vertices."""
-        front, left, fans = self._front, self._left, self._fans
+        front, left, fans = self._front, self._left, self.fans
         before, after, vertex, more = front.before, front.after, front.vertex, front.more
         forks = set(self._walk.forks.tolist())
         for centre in range(len(left)):
-            if centre == self._met:
+            if centre == self.met:
                 self._begin(centre)
             if centre in more or centre in forks:
                 self._fill_each(centre, centre in forks)
@@ -148,25 +171,25 @@ class _Filling:
             behind = after[centre]
             if behind == GONE:
                 continue
-            new, ahead, first = left[centre], before[centre], self._met
+            new, ahead, first = left[centre], before[centre], self.met
             # the same as `_fan`, which would take twice the time
             fans.append((centre, vertex[ahead], vertex[behind], new, first))
             left[vertex[ahead]] -= 1
             left[vertex[behind]] -= 1
             if new > 0:
-                self._met = first + new
+                self.met = first + new
                 after[ahead], before[first] = first, ahead
-                after[self._met - 1], before[behind] = behind, self._met - 1
+                after[self.met - 1], before[behind] = behind, self.met - 1
             else:
                 demand(new == 0, "a vertex has too few triangles")
                 front.close(ahead, behind)
 
     def _begin(self, first: int) -> None:
-        self._fans.append((first, first + 1, first + 2, 0, first))
+        self.fans.append((first, first + 1, first + 2, 0, first))
         self._front.begin(first)
         for corner in range(first, first + 3):
             self._left[corner] += 1
-        self._met += 3
+        self.met += 3
 
     def _fill_each(self, centre: int, is_fork: bool) -> None:
         """Fill the gaps of a vertex with several."""
@@ -183,31 +206,20 @@ class _Filling:
                 self._fan(place, new)
                 continue
             end = place - next(self._targets, place)
-            demand(new == GONE and 0 <= end < len(self._front.vertex), "a chord leads nowhere")
+            reached = 0 <= end < self.met or len(self._left) <= end < len(self._front.vertex)
+            demand(new == GONE and reached, "a chord leads nowhere")
             demand(self._front.after[end] != GONE and end != place, "a chord leads to what is filled")
             waiting += [place, self._front.cut(place, end)[0]]
 
     def _fan(self, place: int, new: int) -> None:
-        front, first = self._front, self._met
+        front, first = self._front, self.met
         demand(0 <= new <= len(self._left) - first, "a vertex has a wrong number of triangles")
         ends = front.before[place], front.after[place]
         for end in ends:
             self._left[front.vertex[end]] -= 1
-        self._fans.append((front.vertex[place], front.vertex[ends[0]], front.vertex[ends[1]], new, first))
-        self._met += new
+        self.fans.append((front.vertex[place], front.vertex[ends[0]], front.vertex[ends[1]], new, first))
+        self.met += new
         front.fill(place, first, new)
-
-    def triangles(self, most: int) -> Indices:
-        """Return what the fans consist of."""
-        fans = np.array(self._fans, dtype=np.int64).reshape(-1, 5)
-        centre, start, end, new, first = fans.T
-        demand(self._met == len(self._left) and int((new + 1).sum()) <= most, "a walk has too many triangles")
-        ends = np.cumsum(new + 1)
-        of = np.repeat(np.arange(len(fans)), new + 1)
-        rank = np.arange(len(of)) - np.repeat(ends - new - 1, new + 1)
-        one = np.where(rank == 0, start[of], first[of] + rank - 1)
-        two = np.where(rank == new[of], end[of], first[of] + rank)
-        return np.stack([centre[of], one, two], axis=1)
 
 
 class NotWalkedError(Exception):
