@@ -3,9 +3,10 @@
     python scripts/test_window.py                        every script in every Blender that is found
     python scripts/test_window.py test_panel             one of them
     python scripts/test_window.py --but test_job         all but one of them
-    python scripts/test_window.py --where-available --shared-machine
-                                                         as in CI: no failure if no Blender is found, and
-                                                         times are judged as on a machine that others use, too
+    python scripts/test_window.py --where-available --shared-machine --measure-once
+                                                         as in CI: no failure if no Blender is found, times are judged
+                                                         as on a machine that others use, too, and what does nothing
+                                                         but measure them runs in the first Blender only
 
 The Blender is the executable that the environment variable BLENDER names (it needs a display), or else the tool
 ../shared/tools/real-blender in its versions 5.2 and 4.3.  The extension is installed from the built zip into an empty
@@ -32,6 +33,9 @@ OUT = CHECKOUT / "out" / "window"
 TOOL = CHECKOUT.parent / "shared" / "tools" / "real-blender"
 TOOL_VERSIONS = ("5.2", "4.3")
 TIMEOUT = 600
+
+MEASURING = ("test_first_picture", "test_responsiveness")
+"""Scripts that do nothing but measure times."""
 
 
 class Unavailable(Exception):
@@ -163,6 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--but", nargs="+", default=[], choices=every, metavar="SCRIPT", help="leave these out")
     parser.add_argument("--where-available", action="store_true", help="do not fail where a Blender cannot be had")
     parser.add_argument("--shared-machine", action="store_true", help="let others' work come between in what is timed")
+    parser.add_argument("--measure-once", action="store_true", help="measure times in the first Blender only")
     options = parser.parse_args(arguments)
     extra = ["--shared-machine"] if options.shared_machine else []
     scripts = [SCRIPTS / f"{name}.py" for name in options.scripts or every if name not in options.but]
@@ -176,6 +181,8 @@ def main(arguments: list[str] | None = None) -> int:
                 missing.append(f"{blender.name}: {error}")
                 continue
             codes += [code for _, code, _ in run_scripts(blender, scripts, extra)]
+            if options.measure_once:
+                scripts = [script for script in scripts if script.stem not in MEASURING]
     except (BuildError, WheelError, OSError, subprocess.SubprocessError) as error:
         print(error, file=sys.stderr)
         return 1

@@ -69,6 +69,14 @@ def run(*tests: Callable[..., Steps]) -> None:
         return None
 
     bpy.app.timers.register(step, first_interval=1.0, persistent=True)
+    if bpy.app.use_event_simulate:
+        bpy.app.timers.register(_rest, persistent=True)
+
+
+def _rest() -> float:
+    """Let Blender sleep as it does for a user: told to take simulated keys, it would keep a core busy for itself."""
+    time.sleep(0.004)
+    return 0.0
 
 
 def _named(tests: tuple[Callable[..., Steps], ...]) -> tuple[Callable[..., Steps], ...]:
