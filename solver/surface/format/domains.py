@@ -135,7 +135,9 @@ def code_domains(
     patch = cover.patch_of_vertex
     known = seeds_of(cover, centres)
     domain, off = np.zeros((len(patch), 2)), np.zeros((len(patch), 2))
-    links = np.concatenate([np.roll(cover.corners, -k, axis=1) for k in (1, 2, 3)])
+    # each corner of each triangle is predicted from the two that follow
+    corners = np.ascontiguousarray(cover.corners.T)
+    one, two = (np.roll(corners, -k, axis=0).ravel() for k in (1, 2))
     share, height = (part[:, cover.mesh_triangles].ravel() for part in (shapes.share, shapes.height))
 
     def settle(places: Indices, start: Array, expected: Array, size: Array) -> None:
@@ -152,8 +154,8 @@ def code_domains(
         settle(places, nothing, nothing, nothing + ANYWHERE)
 
     settle_unpredicted(np.flatnonzero(known))
-    for places, used, owner in rounds(links[:, 2], links[:, :2], known):
-        a, b = links[used, 0], links[used, 1]
+    for places, used, owner in rounds(corners.ravel(), np.stack([one, two], axis=1), known):
+        a, b = one[used], two[used]
         sizes = (code.sizes[a] + code.sizes[b]).mean(axis=1, keepdims=True) / 2.0
         start = domain[a]
         along = domain[b] - start

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Array, Indices
-from ...mesh.edges import connected_parts
+from ...mesh.edges import connected_parts, edge_keys, stable_order
 from .growth import Coder, mean_of, rounds
 
 ANYWHERE = 1e9
@@ -40,9 +40,9 @@ def code_positions(triangles: Indices, steps: Array, code: Coder) -> Array:
 def _across_edges(triangles: Indices) -> tuple[Indices, Indices]:
     """Return links (target, a, b, c), and the first triangle of each part that edges connect."""
     start, end = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    order = np.lexsort((high, low))
-    same = np.flatnonzero((np.diff(low[order]) == 0) & (np.diff(high[order]) == 0))
+    keys = edge_keys(start, end, int(triangles.max(initial=0)) + 1)
+    order = stable_order(keys)
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
     one, two = order[same], order[same + 1]
     far = triangles.ravel()
     links = np.stack([far[one], start[one], end[one], far[two]], axis=1)
