@@ -25,7 +25,7 @@ LARGEST = 2.0**46
 """A number lies strictly between this and its negative."""
 
 MOST_LANES = 256
-NUMBERS_OF_A_LANE = 400
+NUMBERS_OF_A_LANE = 4000
 
 
 class TooLargeError(ArithmeticError):
