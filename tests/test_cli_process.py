@@ -71,35 +71,79 @@ def whole_run(model: Path, scratch: dict[str, str]) -> float:
     return time.monotonic() - before
 
 
+def interrupted(words: list[Any], scratch: dict[str, str], what: signal.Signals, after: float) -> int:
+    """Send a signal to a command some seconds after it began to listen; return the exit code."""
+    process = subprocess.Popen(
+        [*COMMAND, *words],
+        env=scratch,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        # What a shell runs in the background ignores interrupts, and so would what it starts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    while not hears(process):
+        time.sleep(0.001)
+    time.sleep(after)
+    process.send_signal(what)
+    before = time.monotonic()
+    _, said = process.communicate(timeout=30)
+    assert time.monotonic() - before < 10.0
+    assert process.returncode in (0, SIGNALS[what]), said
+    assert said == ("sparse_surface: cancelled\n" if process.returncode else "")
+    assert list(Path(scratch["TMPDIR"]).iterdir()) == []
+    return process.returncode
+
+
 @pytest.mark.parametrize("count", [9, pytest.param(200, marks=pytest.mark.long)])
 def test_signals_at_any_moment(model: Path, scratch: dict[str, str], count: int) -> None:
     seconds, rng = whole_run(model, scratch), random.Random(1)
     folder = model.parent
     kept = sorted(path.name for path in folder.iterdir())
     for number in range(count):
-        what = list(SIGNALS)[number % 3]
-        process = subprocess.Popen(
-            [*COMMAND, "approximate", model, "-o", folder / "out.ply", *QUICK],
-            env=scratch,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            # What a shell runs in the background ignores interrupts, and so would what it starts.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        )
-        while not hears(process):
-            time.sleep(0.001)
-        time.sleep(rng.uniform(0.0, seconds))
-        process.send_signal(what)
-        before = time.monotonic()
-        _, said = process.communicate(timeout=30)
-        assert time.monotonic() - before < 10.0
-        assert process.returncode in (0, SIGNALS[what]), said
-        assert said == ("sparse_surface: cancelled\n" if process.returncode else "")
-        with suppress(FileNotFoundError):
-            (folder / "out.ply").unlink()
+        words = ["approximate", model, "-o", folder / "out.ply", *QUICK]
+        interrupted(words, scratch, list(SIGNALS)[number % 3], rng.uniform(0.0, seconds))
+        (folder / "out.ply").unlink(missing_ok=True)
         assert sorted(path.name for path in folder.iterdir()) == kept
-        assert list(Path(scratch["TMPDIR"]).iterdir()) == []
+
+
+def every_command(model: Path) -> dict[str, list[Any]]:
+    """Words of a run of each command that works for a while, from a model and files that are made of it."""
+    folder = model.parent
+    rows = [line[2:] for line in model.read_text().splitlines() if line.startswith("v ")]
+    (folder / "points.xyz").write_text("\n".join(rows) + "\n")
+    out = ["-o", folder / "out.ply"]
+    return {
+        "approximate": ["approximate", model, *out, *QUICK, "--report", folder / "out.json"],
+        "denoise": ["approximate", model, *out, *QUICK, "--denoise", "only", "--noise-level", "0.01"],
+        "reconstruct": ["reconstruct", folder / "points.xyz", *out, *QUICK],
+        "evaluate": ["evaluate", folder / "functions.npz", *out, "--resample", "16"],
+    }
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", ["approximate", "denoise", "reconstruct", "evaluate"])
+def test_fifty_signals_to_each_command(model: Path, scratch: dict[str, str], command: str) -> None:
+    folder, rng = model.parent, random.Random(command)
+    words = every_command(model)[command]
+    made = ["approximate", model, "--representation", folder / "functions.npz", *QUICK]
+    for first in (made, words):
+        before = time.monotonic()
+        done = subprocess.run([*COMMAND, *first], env=scratch, capture_output=True, text=True, timeout=120)
+        seconds = time.monotonic() - before
+        assert done.returncode == 0, done.stderr
+    outputs = [folder / name for name in ("out.ply", "out.json")]
+    for path in outputs:
+        path.unlink(missing_ok=True)
+    kept = sorted(path.name for path in folder.iterdir())
+    codes = []
+    for number in range(50):
+        codes.append(interrupted(words, scratch, list(SIGNALS)[number % 3], rng.uniform(0.0, seconds)))
+        for path in outputs:
+            path.unlink(missing_ok=True)
+        assert sorted(path.name for path in folder.iterdir()) == kept
+    assert set(codes) - {0}, "every signal came too late"
+    print(command, {code: codes.count(code) for code in sorted(set(codes))})
 
 
 def test_the_child_ends_with_a_guard_that_is_killed(model: Path, scratch: dict[str, str]) -> None:
