@@ -21,6 +21,9 @@ MODEL ?=
 PLATFORMS ?=
 PYTEST ?=
 
+# Where tests run beside others, whole lines are printed, each with the name of its group.
+beside = $(if $(BESIDE),| sed --unbuffered 's/^/$(1): /')
+
 .PHONY: help venv native demo test test-solver test-tools test-blender test-others test-long test-matrix test-window test-mutants lint-venv lint format build docs release bench pages \
 	figures clean
 
@@ -36,20 +39,20 @@ demo: venv ## approximate two models, or MODEL=file, in Blender; results in out/
 	@$(PY) scripts/demo.py $(if $(MODEL),"$(MODEL)")
 
 test: venv ## all tests that need no window: the solver's beside all others
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=line test-solver test-others
+	@$(MAKE) --no-print-directory --jobs=2 BESIDE=others test-solver test-others
 
 test-others: venv
 	@$(MAKE) --no-print-directory test-tools
 	@$(MAKE) --no-print-directory test-blender
 
 test-solver: venv ## tests of the solver, with bpy out of reach
-	@$(PY) -m pytest -m "not long" tests/solver $(PYTEST)
+	@$(PY) -m pytest -m "not long" tests/solver $(PYTEST) $(call beside,solver)
 
 test-tools: venv ## tests of the command line, the packaging and the architecture
-	@$(PY) -m pytest -m "not long" tests --ignore=tests/solver --ignore=tests/blender $(PYTEST)
+	@$(PY) -m pytest -m "not long" tests --ignore=tests/solver --ignore=tests/blender $(PYTEST) $(call beside,tools)
 
 test-blender: venv ## tests under bpy on the installed zip
-	@$(PY) -m pytest -m "not long" tests/blender $(PYTEST)
+	@$(PY) -m pytest -m "not long" tests/blender $(PYTEST) $(call beside,Blender)
 
 test-long: venv ## the tests that take minutes: thousands of generated meshes, long runs
 	@$(PY) -m pytest -m long tests --ignore=tests/blender $(PYTEST)
