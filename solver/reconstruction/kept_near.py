@@ -56,6 +56,8 @@ def _runs_away(surface: CloudSurface, planes: TangentPlanes, asked: Indices) -> 
         shares = np.tile(GRID, (len(part), 1))
         on_surface = representation.evaluate(triangles, shares)
         on_base = np.einsum("nk,nkd->nd", shares, representation.vertices[representation.triangles[triangles]])
-        away = (planes.run_away(on_surface, on_base) > 0.0) | planes.spikes(on_surface, on_base)
+        away = planes.run_away(on_surface, on_base) > 0.0
+        away[away] = ~planes.nearer(on_surface[away], on_base[away])
+        away |= planes.spikes(on_surface, on_base)
         result[part] = away.reshape(len(part), len(GRID)).any(axis=1)
     return result

@@ -31,6 +31,11 @@ ROOM_SPACINGS = 1.5
 many noise levels as above."""
 
 
+NEAR_SPACINGS = 3.0
+"""A surface that has run away is still nearer the cloud than its base if it is within this many spacings and as many
+noise levels as above of a point, and its base is farther from the points."""
+
+
 class TangentPlanes:
     """Tangent planes of a cloud.
 
@@ -55,6 +60,7 @@ class TangentPlanes:
         self.room = ROOM_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
         self.tolerance = SPACINGS_OFF * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
         self.spike = SPIKE_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
+        self._near = NEAR_SPACINGS * geometry.spacing + NOISE_LEVELS_OFF * geometry.noise
 
     def run_away(self, positions: Array, on_base: Array) -> Array:
         """How much too far positions (N, 3) are from the base, at (N, 3), and from the points, (N,).
@@ -68,6 +74,14 @@ class TangentPlanes:
         room = np.full(len(away), self.room)
         room[far] += ROOM_SPACINGS * self._sparser[self._tree.query(on_base[far])[1]]
         return np.maximum(away - room, 0.0)
+
+    def nearer(self, positions: Array, on_base: Array) -> Booleans:
+        """Which positions (N, 3) are near the points, in a gap between some of them, and nearer than the base, (N,).
+
+        Points that were drawn at random have such gaps.  Where the base cuts an edge off it is no better.
+        """
+        away = self._tree.query(positions)[0]
+        return np.asarray((away <= self._near) & (away < self._tree.query(on_base)[0]), dtype=np.bool_)
 
     def spikes(self, positions: Array, on_base: Array) -> Booleans:
         """Which positions (N, 3) are far off the planes while the base, at (N, 3), is near them, (N,)."""

@@ -8,6 +8,8 @@ from scipy.spatial import cKDTree
 from sparse_surface.solver import CloudSettings, Settings, reconstruct, run_to_end
 from sparse_surface.solver.interchange import CloudArrays
 from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
+from sparse_surface.solver.reconstruction.geometry import analyse
+from sparse_surface.solver.reconstruction.tangent_planes import TangentPlanes
 
 
 def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -70,3 +72,16 @@ def test_corners_of_borders_do_not_run_out_along_their_planes() -> None:
     off = np.minimum(np.minimum(inside[:, 0], inside[:, 2]), np.minimum(inside[:, 1], 1.0 - inside[:, 1]))
     assert np.hypot(np.linalg.norm(vertices - inside, axis=1), off).max() < 0.03
     assert outcome.report["euler"] == 1
+
+
+def test_a_gap_between_points_drawn_at_random_is_no_run_away() -> None:
+    """A triangle of a box became its base, which cuts the edge off by three spacings, for one place in such a gap."""
+    x, y = (part.ravel() for part in np.meshgrid(np.arange(-10.0, 11.0), np.arange(-10.0, 11.0)))
+    points = np.column_stack([x, y, np.zeros(len(x))])
+    points = points[np.hypot(x, y) > 1.9]
+    planes = TangentPlanes(points, analyse(points))
+    place = np.zeros((3, 3))
+    place[2, 2] = 168.0
+    on_base = np.array([[0.0, 0.0, -3.0], [2.0, 0.0, -0.3], [0.0, 0.0, 0.0]])
+    assert (planes.run_away(place, on_base) > 0.0).all()
+    assert planes.nearer(place, on_base).tolist() == [True, False, False]
