@@ -108,7 +108,7 @@ def test_enabling_costs_little():
     """Importing and registering again, in processor time: Blender starts with it every day.
 
     Whoever shares the processor's caches only makes it longer, so the shortest of five counts, and on a shared machine
-    it may take 1.5 times as long.
+    it may take twice as long, as the first picture may.
     """
     import addon_utils
 
@@ -123,7 +123,7 @@ def test_enabling_costs_little():
         spent.append(time.process_time() - before)
         yield 0.5
     print(f"enabling took {1000 * min(spent):.0f} ms of processor time, {1000 * max(spent):.0f} at the most")
-    assert min(spent) < (0.075 if driver.SHARED_MACHINE else 0.05)
+    assert min(spent) < (0.1 if driver.SHARED_MACHINE else 0.05)
 
 
 if __name__ == "__main__":
