@@ -29,6 +29,14 @@ def noisy_cube(level: float = NOISE, name: str = "Scan") -> Any:
     return scenes.mesh_object(name, vertices, faces.tolist())
 
 
+def denoised_cube() -> tuple[Any, np.ndarray, Any, np.ndarray]:
+    """Return a noisy cube and what denoising makes of it, each with its positions."""
+    source = noisy_cube()
+    before = scenes.positions(source.data)
+    result = scenes.approximate(denoise="only")
+    return source, before, result, scenes.positions(result.data)
+
+
 def take_preset(name: str) -> None:
     from bl_ext.user_default.sparse_surface.ui.presets import SPARSE_SURFACE_MT_presets
 
@@ -156,10 +164,7 @@ def seen(made: Any) -> np.ndarray:
 
 
 def test_the_strength_of_a_result_blends_at_once():
-    source = noisy_cube()
-    before = scenes.positions(source.data)
-    result = scenes.approximate(denoise="only")
-    after = scenes.positions(result.data)
+    _, before, result, after = denoised_cube()
     inspection = bpy.context.scene.sparse_surface.inspection
     assert inspection.strength == 1.0
     assert result.data.shape_keys is None
@@ -175,10 +180,7 @@ def test_the_strength_of_a_result_blends_at_once():
 
 
 def test_noise_stays_where_a_vertex_group_of_its_key_says_so():
-    source = noisy_cube()
-    before = scenes.positions(source.data)
-    result = scenes.approximate(denoise="only")
-    after = scenes.positions(result.data)
+    _, before, result, after = denoised_cube()
     bpy.context.scene.sparse_surface.inspection.strength = 0.0
     weights = np.linspace(0.0, 1.0, len(before))
     group = result.vertex_groups.new(name="Rough")
@@ -189,10 +191,7 @@ def test_noise_stays_where_a_vertex_group_of_its_key_says_so():
 
 
 def test_the_source_gets_what_is_seen():
-    source = noisy_cube()
-    before = scenes.positions(source.data)
-    result = scenes.approximate(denoise="only")
-    after = scenes.positions(result.data)
+    source, before, result, after = denoised_cube()
     bpy.context.scene.sparse_surface.inspection.strength = 0.75
     assert bpy.ops.sparse_surface.apply_to_source() == {"FINISHED"}
     np.testing.assert_allclose(scenes.positions(source.data), before + 0.75 * (after - before), atol=1e-6)
