@@ -24,6 +24,12 @@ MESH_ONLY = {
 }
 """Settings that concern meshes only."""
 
+EXIT_CODES = (
+    "Exit codes: 0 done, 1 input refused or work failed, 2 wrong usage; "
+    "cancelled: 129 by SIGHUP, 130 by SIGINT (Ctrl C), 143 by SIGTERM."
+)
+"""What the help of every command ends with."""
+
 
 def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
     """Return what the words ask for: `command`, its arguments, and where it takes them `settings` and `cloud`.
@@ -56,15 +62,16 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog=PROGRAM,
         description="Smooth patches that keep the sharp features of a mesh.",
-        epilog="Exit codes: 0 done, 1 refused input, 2 wrong usage, 130 cancelled.",
+        epilog=EXIT_CODES,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
     text = f"print a script that completes words in {', '.join(SHELLS)}"
     parser.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=text)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for add, name, summary in COMMANDS:
+        form = argparse.ArgumentDefaultsHelpFormatter
         command = commands.add_parser(
-            name, help=summary, description=summary, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+            name, help=summary, description=summary, epilog=EXIT_CODES, formatter_class=form
         )
         command.set_defaults(settle=add(command) or ())
         _add_manners(command)

@@ -1,6 +1,7 @@
 """The command line: `python -m sparse_surface ...` and `blender --command sparse_surface ...`.
 
-Exit codes: 0 done, 1 refused input (one line on standard error), 2 wrong usage, 130 cancelled.
+Exit codes: 0 done, 1 refused input (one line on standard error), 2 wrong usage, 130 cancelled; `guard` gives other
+signals theirs.
 """
 
 from __future__ import annotations
