@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..operators.data import meshes as mesh_data
 from ..operators.data.colours import ColourScale
-from ..operators.data.parts import groups_in_frames
+from ..operators.data.parts import groups_in_frames, share_functions
 from ..operators.data.report_text import one_line
 from ..operators.data.results import create_result, create_unmeasured
 from ..operators.files.meshes import named, read_meshes
@@ -158,6 +158,8 @@ def _objects(
                 write_domain_maps(result)
             kept = report, surface, options.resample
             made.append(Made(options.input, each, result, *kept, **asked_for(options), part=part))
+        if not whole and is_scene(options.output):
+            share_functions([each.result for each in made], reads, surface.draft)
     except MemoryError:
         if options.output is None or options.resample:
             raise

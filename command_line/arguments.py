@@ -70,9 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for add, name, summary in COMMANDS:
         form = argparse.ArgumentDefaultsHelpFormatter
-        command = commands.add_parser(
-            name, help=summary, description=summary, epilog=EXIT_CODES, formatter_class=form
-        )
+        command = commands.add_parser(name, help=summary, description=summary, epilog=EXIT_CODES, formatter_class=form)
         command.set_defaults(settle=add(command) or ())
         _add_manners(command)
     return parser

@@ -44,7 +44,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", [None, "approximate", "reconstruct", "evaluate", "inspect", "compare", "distance"])
 def test_help_and_guide_name_every_exit_code(name: str | None) -> None:
     said = run(*([name] if name else []), "--help").stdout.split("Exit codes:")[1]
-    guide = (Path(__file__).parents[1] / "docs" / "user-guide.md").read_text(encoding="utf-8").split("### Exit codes")[1]
+    guide = (
+        (Path(__file__).parents[1] / "docs" / "user-guide.md").read_text(encoding="utf-8").split("### Exit codes")[1]
+    )
     codes = {"0", "1", "2", "129", "130", "143"}  # 128 and the signal's number, as shells count
     assert set(re.findall(r"\b\d+\b", said)) == codes
     assert set(re.findall(r"^\| (\d+) \|", guide, re.MULTILINE)) == codes

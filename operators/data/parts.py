@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import bpy
 import numpy as np
 from bpy.types import Depsgraph, Object
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from ...solver.errors import SparseSurfaceError
 from ...solver.interchange import MeshArrays
 from ...solver.settings import Settings
 from .meshes import Source, WorldLengths, read_object
+from .result_keys import PART, SHARED, cut_name, store_representation
+from .results import store_stretch
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,30 @@ def of_parts(source: Source | Parts, values: NDArray[Any]) -> list[tuple[Source,
         return [(source, values)]
     ends = np.cumsum([len(each.arrays.vertices) for each in source.parts])[:-1]
     return list(zip(source.parts, np.split(values, ends), strict=True))
+
+
+def share_functions(made: Sequence[Object | None], sources: Sequence[Source], draft: bytes) -> None:
+    """Keep the representation of a surface once for the results that are its parts.
+
+    Parameters
+    ----------
+    made, sources
+        The result of each part, None where there is none, and what it was made from.
+    draft
+        The representation.
+    """
+    parts = [each for each in made if each is not None]
+    if not parts:
+        return
+    shared = bpy.data.meshes.new(cut_name(parts[0].name, " Functions"))
+    store_representation(shared, draft)
+    faces = loose = 0
+    for part, each in zip(sources, made, strict=True):
+        if each is not None:
+            each[SHARED], each[PART] = shared, [faces, loose]
+            store_stretch(each, part.lengths)
+        faces += len(part.arrays.sizes)
+        loose += len(part.arrays.vertices) - len(np.unique(part.arrays.corners))
 
 
 def read_together(

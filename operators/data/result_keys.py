@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from bpy.types import Object
+import bpy
+from bpy.types import ID, Mesh, Object
 
 REPORT = "sparse_surface"
 """Custom property of a result object: the report."""
@@ -22,6 +23,14 @@ REPRESENTATION = "sparse_surface_representation"
 
 DRAFT = "sparse_surface_draft"
 """Custom property of a result object whose representation is not yet compact."""
+
+SHARED = "sparse_surface_shared"
+"""Custom property of a result that is part of a surface: a mesh without faces that holds the whole's representation.
+
+All parts refer to that mesh, so the functions are kept once, and as long as one of them."""
+
+PART = "sparse_surface_part"
+"""Custom property of such a result: how many of the surface's faces and of its vertices without faces come before."""
 
 STRETCH = "sparse_surface_stretch"
 """Custom property of a result object whose source was scaled: nine numbers that lead from local to world lengths."""
@@ -107,6 +116,17 @@ def has_representation(candidate: Object | None) -> bool:
     return candidate is not None and candidate.type == "MESH" and REPRESENTATION in candidate
 
 
+def shared_surface(candidate: Object | None) -> Mesh | None:
+    """Return what holds the representation of the surface that an object is a part of."""
+    found = candidate.get(SHARED) if candidate is not None and candidate.type == "MESH" else None
+    return found if isinstance(found, Mesh) and REPRESENTATION in found else None
+
+
+def has_functions(candidate: Object | None) -> bool:
+    """Whether an object carries a representation, or is part of a surface of which one is kept."""
+    return has_representation(candidate) or shared_surface(candidate) is not None
+
+
 def has_heat_map(candidate: Object | None) -> bool:
     """Whether an object carries errors and their colours."""
     return candidate is not None and SCALE in candidate and _has_layer(candidate, ERROR, "FLOAT")
@@ -128,7 +148,7 @@ def _has_layer(candidate: Object, name: str, kind: str) -> bool:
     return layer is not None and (layer.data_type, layer.domain) == (kind, "POINT")
 
 
-def store_representation(holder: Object, stored: bytes, *, draft: bool = True) -> None:
+def store_representation(holder: ID, stored: bytes, *, draft: bool = True) -> None:
     """Keep a saved representation with an object; a draft is made compact later (`representation.compacting`).
 
     Blender carries a custom property of an object through saving, undo, duplicating and appending, and copies it only
@@ -143,5 +163,8 @@ def store_representation(holder: Object, stored: bytes, *, draft: bool = True) -
 
 def forget_representation(holder: Object) -> None:
     """Have an object hold no representation, and nothing that says how to read one."""
-    for name in (REPRESENTATION, DRAFT, STRETCH):
+    shared = holder.get(SHARED)
+    for name in (REPRESENTATION, DRAFT, STRETCH, SHARED, PART):
         holder.pop(name, None)
+    if isinstance(shared, Mesh) and shared.users == 0:
+        bpy.data.meshes.remove(shared)

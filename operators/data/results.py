@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 from ...solver.errors import InputError
 from . import attributes
 from .colours import ColourScale
-from .meshes import Source, create_mesh, mark_sharp, read_positions, same_topology, set_positions, vertex_areas
+from .meshes import (
+    Source,
+    WorldLengths,
+    create_mesh,
+    mark_sharp,
+    read_positions,
+    same_topology,
+    set_positions,
+    vertex_areas,
+)
 from .objects import create_object, find_object
 from .origins import BASE, POINT_ERRORS, RESULT
 from .points import COLOURS
@@ -216,8 +225,13 @@ def _put(
     forget_representation(made)
     if keeps_functions:
         store_representation(made, surface.representation.draft)
-        if source.lengths.stretch is not None:
-            made[STRETCH] = [float(value) for value in source.lengths.stretch.ravel()]
+        store_stretch(made, source.lengths)
+
+
+def store_stretch(made: Object, lengths: WorldLengths) -> None:
+    """Note how a scaled source's lengths lead to those of its functions."""
+    if lengths.stretch is not None:
+        made[STRETCH] = [float(value) for value in lengths.stretch.ravel()]
 
 
 def _rename_groups(made: Object) -> None:

@@ -14,6 +14,8 @@ from ..data.attributes import read, show_colours
 from ..data.colours import ColourScale
 from ..data.objects import current_name, parts_of
 from ..data.origins import COMPARED, ROLE, SOURCE
+from ..data.overlaid import hide_overlaid
+from ..data.parts import share_functions
 from ..data.result_keys import (
     EARLY,
     ERROR,
@@ -52,22 +54,28 @@ def create_coloured(
 ) -> list[Object]:
     """Make the result object of each source on the scene's scale; with `replace` in the place of an earlier one.
 
-    Parts of one surface hold no functions, which describe the whole.  For a source that was removed or edited since it
-    was read there is a sentence in `refusals` instead.
+    Parts of one surface hold no functions, which describe the whole: they share them.  For a source that was removed or
+    edited since it was read there is a sentence in `refusals` instead.
     """
     scale, parts = colour_scale(context.scene, result.error), parts_of(source)
     results, names = [result], [current_name(part) for part in parts]
     if len(parts) > 1:
         results = taken_apart(result, [part.arrays for part in parts], names)
-    made = []
+    made: list[Object | None] = []
     for part, own in zip(parts, results, strict=True):
         try:
-            made.append(create_result(context, part, own, scale, replace=replace, keeps_functions=len(parts) == 1))
+            each = create_result(context, part, own, scale, replace=replace, keeps_functions=len(parts) == 1)
         except InputError as error:
             refusals.append(str(error))
+            made.append(None)
             continue
-        made[-1][WITH_MODIFIERS] = part.evaluated
-    return made
+        each[WITH_MODIFIERS] = part.evaluated
+        made.append(each)
+    if len(parts) > 1:
+        share_functions(made, parts, result.representation.draft)
+    found = [each for each in made if each is not None]
+    hide_overlaid(found, context)
+    return found
 
 
 def recolour_scene(scene: Scene) -> None:

@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any
 
 import bpy
-from bpy.types import Object
+from bpy.types import ID, Object
 
 from ..data.result_keys import DRAFT, REPRESENTATION, store_representation
 
@@ -83,8 +83,10 @@ def _digest(draft: bytes) -> bytes:
     return hashlib.sha256(draft).digest()
 
 
-def _drafts() -> list[Object]:
-    own = (each for each in bpy.data.objects if each.library is None and DRAFT in each)
+def _drafts() -> list[ID]:
+    """Return the objects with a draft, and the meshes that keep one for the parts of a surface."""
+    holders = (*bpy.data.objects, *(each for each in bpy.data.meshes if each.users))
+    own = (each for each in holders if each.library is None and DRAFT in each)
     return [each for each in own if isinstance(each.get(REPRESENTATION), bytes)]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..data.result_keys import ERROR, SCALE, SPLITS, cut_name, stored_numbers
 from ..data.results import write_error
 from ..heat_map.scale import colour_scale
 from .carried_layers import carry_layers
-from .stored import placement, read_representation
+from .stored import place_parts, placement, read_representation
 
 
 def resample_object(context: Context, holder: Object, splits: int, *, replace: bool = False) -> Object:
@@ -51,20 +51,61 @@ def resample_object(context: Context, holder: Object, splits: int, *, replace: b
     return made
 
 
+def resample_shared(
+    context: Context, holders: Sequence[Object], splits: int, *, replace: bool = False
+) -> tuple[list[Object], int]:
+    """Make the resampled objects of results that share their functions, so that they meet at their common borders.
+
+    Parts that were edited are left out.
+
+    Parameters
+    ----------
+    holders
+        The results, parts of one surface.
+    replace
+        Whether earlier ones are replaced.
+
+    Returns
+    -------
+    made, left_out
+        The objects, that of the last result last, and how many results were edited.
+
+    Raises
+    ------
+    SparseSurfaceError
+        When the last of them was edited, the functions are damaged, or the mesh would be too large.
+    """
+    representation = read_representation(holders[-1])
+    placed = place_parts(holders, representation)
+    parts = [(holder, part, place.to_local) for holder, part, place in placed]
+    return _resampled_parts(context, parts, representation, splits, replace), len(holders) - len(placed)
+
+
 def resample_parts(
     context: Context, holders: Sequence[Object], parts: Sequence[Part], representation: Representation, splits: int
 ) -> list[Object]:
     """Make the resampled objects of results that are parts of one surface; raises `InputError` where too large."""
+    scales = [WorldLengths.of_matrix(holder.matrix_world).to_local for holder in holders]
+    return _resampled_parts(context, list(zip(holders, parts, scales, strict=True)), representation, splits)
+
+
+def _resampled_parts(
+    context: Context,
+    parts: Sequence[tuple[Object, Part, Callable[[Any], NDArray[np.float32]]]],
+    representation: Representation,
+    splits: int,
+    replace: bool = False,
+) -> list[Object]:
     whole, made = _resampled(context, representation, splits), []
     away = np.linalg.norm(whole.vertices - whole.at_vertices.linear(representation.vertices), axis=1)
-    for holder, part in zip(holders, parts, strict=True):
+    for holder, part, to_local in parts:
         own, kept = whole.part(part.faces, part.corners, part.place)
         first = np.sort(np.unique(part.place, return_index=True)[1])
         number = np.full(len(representation.vertices), -1)
         number[part.place[first]] = np.arange(len(first))
         vertex = number[part.place]
-        local = WorldLengths.of_matrix(holder.matrix_world).to_local(own.vertices)
-        made.append(_created(context, holder, own, local, vertex[loose_edges(holder.data)]))
+        loose = vertex[loose_edges(holder.data)]
+        made.append(_created(context, holder, own, to_local(own.vertices), loose, replace))
         carry_layers(holder, made[-1], own, vertex)
         _colour(context, made[-1], holder, away[kept])
     return made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,17 +12,18 @@ from bpy.app.translations import pgettext_rpt as rpt_
 from bpy.types import Mesh, Object
 from numpy.typing import NDArray
 
+from ...solver.approximation.parts import Part
 from ...solver.errors import InputError
 from ...solver.surface.representation import Representation
 from ..data.meshes import read_polygons, read_positions
-from ..data.result_keys import REPRESENTATION, SPLITS, STRETCH, stored_numbers
+from ..data.result_keys import PART, REPRESENTATION, SPLITS, STRETCH, shared_surface, stored_numbers
 
 NEAR = 3e-5
 """Distance, as a share of the longest side, within which a vertex is where a compact representation puts it."""
 
 
 def read_representation(holder: Object) -> Representation:
-    """Return the representation that an object holds.
+    """Return the representation that an object holds, or that of the surface which it is part of.
 
     Raises
     ------
@@ -30,7 +32,8 @@ def read_representation(holder: Object) -> Representation:
     FileFormatError
         When the stored bytes are damaged.
     """
-    stored = holder.get(REPRESENTATION)
+    shared = shared_surface(holder)
+    stored = (shared or holder).get(REPRESENTATION)
     if not isinstance(stored, bytes):
         raise InputError(
             rpt_("'{}' holds no representation; approximate its source again to get one.").format(holder.name)
@@ -74,9 +77,7 @@ def placement(holder: Object, representation: Representation) -> Placement:
     InputError
         When the mesh was edited otherwise, so that the representation is no longer its own.
     """
-    edited = InputError(
-        rpt_("The mesh of '{}' was edited; its representation describes another one.").format(holder.name)
-    )
+    edited = _edited(holder)
     if SPLITS in holder:
         return _placement_of_finer(holder, representation, edited)
     vertex = _vertices_of(holder.data, representation)
@@ -84,6 +85,69 @@ def placement(holder: Object, representation: Representation) -> Placement:
         raise edited
     local = read_positions(holder.data).astype(np.float64)
     return _found(holder, representation.at_vertices(), local, vertex, edited)
+
+
+def place_of_part(holder: Object, representation: Representation) -> Part:
+    """Find which faces and vertices of a surface those of an object are that is part of it.
+
+    Raises
+    ------
+    InputError
+        When the mesh was edited, so that its faces are others.
+    """
+    corners, sizes = read_polygons(holder.data)
+    before, offsets = stored_numbers(holder, PART, 2), representation.face_offsets
+    first, skipped = (int(number) for number in before or (-1, -1))
+    last = first + len(sizes)
+    if min(first, skipped) < 0 or last >= len(offsets) or not np.array_equal(np.diff(offsets[first : last + 1]), sizes):
+        raise _edited(holder)
+    inside = slice(int(offsets[first]), int(offsets[last]))
+    vertex = np.full(len(holder.data.vertices), -1, dtype=np.int64)
+    vertex[corners] = representation.face_corners[inside]
+    free = np.flatnonzero(vertex < 0)
+    own = np.setdiff1d(np.arange(len(representation.vertices)), representation.face_corners)[skipped:][: len(free)]
+    if len(own) != len(free) or not np.array_equal(vertex[corners], representation.face_corners[inside]):
+        raise _edited(holder)
+    vertex[free] = own
+    return Part(slice(first, last), inside, vertex)
+
+
+def place_parts(holders: Sequence[Object], representation: Representation) -> list[tuple[Object, Part, Placement]]:
+    """Find where a surface stands on the meshes of its parts: in one place for all, so that borders stay together.
+
+    Parts that were edited are left out.  Where parts were transformed each by itself, each has its own place.
+
+    Raises
+    ------
+    InputError
+        When the last of them was edited.
+    """
+    found = []
+    for holder in holders:
+        try:
+            part = place_of_part(holder, representation)
+            found.append((holder, part, _placement_of([holder], [part], representation)))
+        except InputError:
+            if holder == holders[-1]:
+                raise
+    kept, parts = [each[0] for each in found], [each[1] for each in found]
+    try:
+        together = _placement_of(kept, parts, representation)
+    except InputError:
+        return found
+    return [(holder, part, together) for holder, part in zip(kept, parts, strict=True)]
+
+
+def _placement_of(holders: Sequence[Object], parts: Sequence[Part], representation: Representation) -> Placement:
+    local = np.concatenate([read_positions(each.data).astype(np.float64) for each in holders])
+    vertex = np.concatenate([part.place for part in parts])
+    return _found(holders[-1], representation.at_vertices(), local, vertex, _edited(holders[-1]))
+
+
+def _edited(holder: Object) -> InputError:
+    return InputError(
+        rpt_("The mesh of '{}' was edited; its representation describes another one.").format(holder.name)
+    )
 
 
 def _vertices_of(mesh: Mesh, representation: Representation) -> NDArray[np.int64] | None:

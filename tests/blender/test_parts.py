@@ -18,6 +18,7 @@ from bl_ext.user_default.sparse_surface.operators.preview import object as early
 from bl_ext.user_default.sparse_surface.operators.run.control import Run
 from bl_ext.user_default.sparse_surface.operators.run.operator import read_sources
 from bl_ext.user_default.sparse_surface.solver.settings import Settings
+from mathutils import Matrix
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -106,9 +107,184 @@ def test_functions_are_those_of_the_whole_and_no_parts() -> None:
     made = scenes.approximate()
     assert "sparse_surface_representation" not in made
     with pytest.raises(RuntimeError, match="Join its sources"):
-        bpy.ops.sparse_surface.resample(splits=2)
+        bpy.ops.sparse_surface.inspect_patch()
     with pytest.raises(RuntimeError, match="Join its sources"):
         bpy.ops.sparse_surface.separate_patches()
+
+
+def resampled() -> list[Any]:
+    found = [each for each in bpy.data.objects if each.get("sparse_surface_role") == "resampled"]
+    return sorted(found, key=lambda each: each.name)
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (2.0, 0.5, 1.0)])
+def test_one_part_is_resampled_with_the_others_and_stays_closed(scale: tuple[float, ...]) -> None:
+    parts = cube_in_six()
+    for part in parts:
+        part.scale = scale
+    scenes.approximate(sweeps=1, iterations=10)
+    made = results()
+    scenes.select(made[2])
+    assert bpy.ops.sparse_surface.resample(splits=3) == {"FINISHED"}
+    fine = resampled()
+    assert bpy.context.object["sparse_surface_source"] == made[2]["sparse_surface_id"]
+    assert [len(each.data.polygons) for each in fine] == [9 * len(each.data.polygons) for each in made]
+    assert local_open_edges(fine) == 0
+    assert all(each.visible_get() for each in fine)
+    assert not any(each.visible_get() for each in made)
+    for each, coarse in zip(fine, made, strict=True):  # the vertices that both have are where they were
+        count = len(coarse.data.vertices)
+        assert scenes.positions(each.data)[:count] == pytest.approx(scenes.positions(coarse.data), abs=1e-5)
+        assert np.array(each.matrix_world) == pytest.approx(np.array(coarse.matrix_world), abs=1e-6)
+    # what was resampled is resampled again, with all others, in place of what there was
+    scenes.select(fine[4])
+    bpy.context.scene.sparse_surface.replace_result = True
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    assert resampled() == fine
+    assert [len(each.data.polygons) for each in fine] == [4 * len(each.data.polygons) for each in made]
+    assert local_open_edges(fine) == 0
+
+
+def test_parts_that_were_moved_together_stay_closed_when_resampled() -> None:
+    halves_of_a_ball()
+    scenes.approximate()
+    made = results()
+    for each in made:
+        each.matrix_world = Matrix.Translation((3.0, 1.0, -2.0)) @ Matrix.Rotation(0.7, 4, "Y") @ each.matrix_world
+        each.scale = (1.5, 1.5, 1.5)
+    scenes.select(*made)
+    bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+    before = [scenes.positions(each.data) for each in made]
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    assert local_open_edges(resampled()) == 0
+    for each, coarse in zip(resampled(), before, strict=True):
+        assert scenes.positions(each.data)[: len(coarse)] == pytest.approx(coarse, abs=2e-5)
+
+
+def test_a_part_is_resampled_beside_others_that_are_gone_hidden_or_edited(capfd: pytest.CaptureFixture[str]) -> None:
+    cube_in_six()
+    scenes.approximate()
+    made = results()
+    bpy.data.objects.remove(made[0])
+    made[1].hide_set(True)
+    bpy.ops.object.select_all(action="DESELECT")
+    made[2].data.vertices[5].co.x += 1.0
+    made[3].location.x += 5.0
+    scenes.select(made[4])
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    assert [each["sparse_surface_source"] for each in resampled()] == [made[n]["sparse_surface_id"] for n in (4, 5)]
+    assert "1 other parts of the surface were edited" in capfd.readouterr().out
+    assert made[2].visible_get()
+    scenes.select(made[2])
+    with pytest.raises(RuntimeError, match="was edited"):
+        bpy.ops.sparse_surface.resample(splits=2)
+    scenes.select(made[3])
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    assert len(resampled()) == 3
+
+
+def test_functions_of_parts_are_kept_once_saved_and_forgotten(tmp_path: Path) -> None:
+    cube_in_six()
+    scenes.approximate(replace_result=True)
+    made = results()
+    (holder,) = {each["sparse_surface_shared"] for each in made}
+    assert holder.users == 6
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "parts.blend"))
+    assert "sparse_surface_draft" not in holder
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "parts.blend"))
+    made = results()
+    scenes.select(made[0])
+    assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    assert local_open_edges(resampled()) == 0
+    for each in made:
+        each.hide_set(False)
+    scenes.select(*made)
+    scenes.approximate(merge_vertices=False, replace_result=True)
+    assert not any("sparse_surface_shared" in each or "sparse_surface_part" in each for each in made)
+    assert not [each for each in bpy.data.meshes if "sparse_surface_representation" in each]
+
+
+def test_what_is_stored_with_a_part_may_be_anything() -> None:
+    cube_in_six()
+    scenes.approximate()
+    made = results()
+    for forged in (7, "x", [1e30, 0.0], [-1.0, 0.0], [0.0, 99.0], [float("nan"), 0.0], [200.0, 0.0]):
+        made[1]["sparse_surface_part"] = forged
+        scenes.select(made[1])
+        with pytest.raises(RuntimeError, match="was edited"):
+            bpy.ops.sparse_surface.resample(splits=2)
+    made[1]["sparse_surface_shared"] = "no mesh"
+    with pytest.raises(RuntimeError, match="Join its sources"):
+        bpy.ops.sparse_surface.resample(splits=2)
+
+
+def joined_again(active: Any, others: list[Any], merge: bool) -> Any:
+    """Join objects as Ctrl J does, after showing them, and weld them if asked."""
+    for each in (active, *others):
+        each.hide_set(False)
+    scenes.select(*others, active)
+    bpy.ops.object.join()
+    if merge:
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.mesh.remove_doubles()
+        bpy.ops.object.mode_set(mode="OBJECT")
+    return active
+
+
+@pytest.mark.parametrize("merge", [False, True])
+@pytest.mark.parametrize("settings", [{}, {"merge_vertices": False}, {"source_shown": "BESIDE"}])
+def test_results_of_joined_sources_lie_in_no_new_one(merge: bool, settings: dict[str, Any]) -> None:
+    """The one whose source is gone stayed visible inside the new one."""
+    sources = halves_of_a_ball()
+    scenes.approximate(replace_result=True, **settings)
+    before = results()
+    scenes.select(before[1])
+    if not settings:
+        assert bpy.ops.sparse_surface.resample(splits=2) == {"FINISHED"}
+    scenes.select(joined_again(sources[0], sources[1:], merge))
+    made = scenes.approximate()
+    assert made == before[0]
+    shown = [each for each in bpy.data.objects if each.type == "MESH" and each.visible_get() and each not in sources]
+    assert shown == [made]
+    assert before[1].hide_render
+
+
+def test_results_of_sources_joined_into_another_object_are_hidden() -> None:
+    sources = halves_of_a_ball()
+    scenes.approximate()
+    before = results()
+    scenes.mesh_object("Bag", [(9.0, 9.0, 9.0), (9.0, 9.5, 9.0), (9.5, 9.0, 9.0)], [(0, 1, 2)])
+    bag = bpy.context.object
+    bag.matrix_world = Matrix.Translation((1.0, 2.0, 3.0)) @ Matrix.Rotation(0.4, 4, "X")
+    scenes.select(joined_again(bag, sources, False))
+    made = scenes.approximate()
+    assert [each.visible_get() for each in (*before, made)] == [False, False, True]
+
+
+def test_results_of_sources_that_are_gone_stay_where_nothing_lies_over_them() -> None:
+    halves_of_a_ball()
+    scenes.approximate()
+    before = results()
+    for each in (bpy.data.objects[name] for name in before[0]["sparse_surface"]["input"]["parts"]):
+        bpy.data.objects.remove(each)
+    scenes.creased_sheet()
+    scenes.approximate()
+    assert all(each.visible_get() for each in before)
+    # a smaller ball inside, and a larger one around
+    for radius in (0.9, 1.1):
+        bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=radius)
+        scenes.approximate()
+        assert all(each.visible_get() for each in before)
+
+
+def test_they_stay_where_all_is_to_be_seen() -> None:
+    sources = halves_of_a_ball()
+    scenes.approximate(source_shown="SHOWN")
+    before = results()
+    scenes.select(joined_again(sources[0], sources[1:], True))
+    scenes.approximate()
+    assert all(each.visible_get() for each in before)
 
 
 def test_each_is_a_surface_of_its_own_where_vertices_are_not_merged() -> None:
@@ -165,7 +341,7 @@ def test_one_part_whose_others_are_hidden_says_so(capfd: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize("chosen", ["one", "both", "with their sources"])
-@pytest.mark.parametrize("gesture", ["resample", "inspect_patch", "separate_patches", "domains_to_uv"])
+@pytest.mark.parametrize("gesture", ["inspect_patch", "separate_patches", "domains_to_uv"])
 def test_gestures_that_need_functions_say_what_to_do(chosen: str, gesture: str) -> None:
     sources = halves_of_a_ball()
     scenes.approximate()
