@@ -48,8 +48,12 @@ def sum_of(rows: Array) -> Array:
 
 
 def length_of(vectors: Array) -> Array:
-    """Return the lengths of vectors (..., D)."""
-    return np.sqrt(sum_of(vectors**2))
+    """Return the lengths of vectors (..., D), a column at a time (see `folded`)."""
+    columns = np.moveaxis(vectors, -1, 0)
+    squared = columns[0] ** 2
+    for column in columns[1:]:
+        squared += column**2
+    return np.sqrt(squared)
 
 
 def extent_of(points: Array) -> Array:

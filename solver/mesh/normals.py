@@ -6,31 +6,40 @@ import numpy as np
 
 from ..arrays import Array, Indices, length_of, rows_at, slices_of, sum_of
 
-TRIANGLES_AT_ONCE = 50_000
-"""More do not fit into the cache, and arrays for a million triangles are taken from the system each time."""
+TRIANGLES_AT_ONCE = 8_000
+"""What is computed of so many fits into the second cache: a third to a quarter of the time that 50,000 take."""
 
 
 def unit(vectors: Array) -> Array:
     """Return vectors (..., D) at length 1; those without a length stay zero."""
-    length = length_of(vectors)[..., None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
+    length, units = length_of(vectors), np.zeros_like(vectors)
+    has_length = length > 0.0
+    for axis in range(vectors.shape[-1]):
+        np.divide(vectors[..., axis], length, out=units[..., axis], where=has_length)
+    return units
 
 
 def cross(one: Array, other: Array) -> Array:
     """Return the cross products of vectors (N, 3); `numpy.cross` takes twice as long."""
-    a, b = one.T, other.T
     products = np.empty(one.shape)
+    for rows in slices_of(len(one), TRIANGLES_AT_ONCE):
+        _write_cross(one[rows].T, other[rows].T, products[rows])
+    return products
+
+
+def _write_cross(a: Array, b: Array, products: Array) -> None:
+    """Write the cross products (N, 3) of vectors whose coordinates are given, (3, N)."""
     for axis, (k, m) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.subtract(a[k] * b[m], a[m] * b[k], out=products[:, axis])
-    return products
 
 
 def area_vectors(vertices: Array, triangles: Indices) -> Array:
     """Return (b - a) x (c - a) of each triangle, (T, 3): along its normal, twice its area long."""
     vectors = np.empty((len(triangles), 3))
     for rows in slices_of(len(triangles), TRIANGLES_AT_ONCE):
-        a, b, c = (rows_at(vertices, corner) for corner in triangles[rows].T)
-        vectors[rows] = cross(b - a, c - a)
+        a, b, c = (rows_at(vertices, corner).T for corner in triangles[rows].T)
+        # a coordinate at a time: what is read again stands side by side
+        _write_cross(np.subtract(b, a, order="C"), np.subtract(c, a, order="C"), vectors[rows])
     return vectors
 
 
