@@ -19,21 +19,27 @@ static void dictionary_degrees(int degree, int32_t *degree_u, int32_t *degree_v)
         }
 }
 
-/* Values (t + 1, N) of the one-variable polynomials q_0 .. q_t at x, times `factor` (N) unless that is NULL: the
- * recursion is linear. */
-static void polynomial_tables(double *restrict table, const double *restrict x, const double *restrict factor,
-                              int degree, bool legendre, int count) {
+/* Values (t + 1, count) of the one-variable polynomials q_0 .. q_t at x, times `factor` (count) unless that is NULL: the
+ * recursion is linear.  `stride` numbers lie between the beginnings of the rows. */
+static void strip_of_tables(double *restrict table, int stride, const double *restrict x,
+                            const double *restrict factor, int degree, bool legendre, int count) {
     double stretch = legendre ? 1.0 / LEGENDRE_SUPPORT : 1.0;
     for (int n = 0; n < count; n++) table[n] = factor ? factor[n] : 1.0;
     if (degree < 1) return;
-    for (int n = 0; n < count; n++) table[count + n] = stretch * x[n] * table[n];
+    for (int n = 0; n < count; n++) table[stride + n] = stretch * x[n] * table[n];
     for (int k = 1; k < degree; k++) {
         /* Bonnet's recursion */
         double ahead = legendre ? stretch * (2 * k + 1) / (k + 1) : 1.0, back = legendre ? k / (k + 1.0) : 0.0;
-        const double *lower = table + (size_t)(k - 1) * count, *own = lower + count;
-        double *next = table + (size_t)(k + 1) * count;
+        const double *lower = table + (size_t)(k - 1) * stride, *own = lower + stride;
+        double *next = table + (size_t)(k + 1) * stride;
         for (int n = 0; n < count; n++) next[n] = ahead * x[n] * own[n] - back * lower[n];
     }
+}
+
+/* The same with rows that follow each other. */
+static void polynomial_tables(double *table, const double *x, const double *factor, int degree, bool legendre,
+                              int count) {
+    strip_of_tables(table, count, x, factor, degree, legendre, count);
 }
 
 /* First derivatives (t + 1, count) of the one-variable polynomials from their values; `row` and `stride` numbers lie

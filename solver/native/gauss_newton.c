@@ -116,54 +116,53 @@ static void measure_laplacian(Placed *placed) {
     }
 }
 
-/* What moving a vertex along u and along v does to the sums over some of a signal's functions, which stay in registers.
- * (To add each observation to its corners takes a third longer: measured.) */
+/* What moving a vertex along u and along v does to the sums over a signal's functions, for PAD times `vectors` of them,
+ * which stay in registers.  (To add each observation to its corners takes a third longer: measured.) */
 static inline void collect_some(const Placed *placed, const State *state, int vertex, int d, int column,
-                                double per_unit, int vectors, double *along_u, double *along_v) {
+                                double per_unit, int vectors, float *along_u, float *along_v) {
     int columns = placed->signals * placed->width, count = placed->padded_observations;
     const double *slope_u = state->gradient + (size_t)d * count, *slope_v = slope_u + (size_t)placed->signals * count;
-    Lanes sum_u[ROW / LANES] = {{0.0}}, sum_v[ROW / LANES] = {{0.0}};
+    Eight sum_u[ROW / PAD] = {{0.0f}}, sum_v[ROW / PAD] = {{0.0f}};
     for (int entry = vertex > 0 ? placed->column_end[vertex - 1] : 0; entry < placed->column_end[vertex]; entry++) {
         int n = placed->column[entry];
-        double share = placed->column_share[entry] * per_unit, by_u = share * slope_u[n], by_v = share * slope_v[n];
-        const Lanes *functions = (const Lanes *)(state->fit.functions + (size_t)n * columns + column);
+        double share = placed->column_share[entry] * per_unit;
+        float by_u = (float)(share * slope_u[n]), by_v = (float)(share * slope_v[n]);
+        const Eight *functions = (const Eight *)(state->fit.functions + (size_t)n * columns + column);
         for (int k = 0; k < vectors; k++) {
             sum_u[k] += by_u * functions[k];
             sum_v[k] += by_v * functions[k];
         }
     }
     for (int k = 0; k < vectors; k++) {
-        *(Lanes *)(along_u + column + k * LANES) = sum_u[k];
-        *(Lanes *)(along_v + column + k * LANES) = sum_v[k];
+        *(Eight *)(along_u + column + k * PAD) = sum_u[k];
+        *(Eight *)(along_v + column + k * PAD) = sum_v[k];
     }
 }
 
 /* Two columns of F G W: what moving a vertex along u and along v does to the sums over the functions, (2, D s). */
-static void collect_functions(const Placed *placed, const State *state, int vertex, double per_unit, double *out) {
-    double *along_v = out + placed->signals * placed->width;
+static void collect_functions(const Placed *placed, const State *state, int vertex, double per_unit, float *out) {
+    float *along_v = out + placed->signals * placed->width;
     for (int d = 0; d < placed->signals; d++) {
         int column = d * placed->width, end = column + placed->width;
         for (; column + ROW <= end; column += ROW)
-            collect_some(placed, state, vertex, d, column, per_unit, ROW / LANES, out, along_v);
-        for (; column < end; column += PAD)
-            collect_some(placed, state, vertex, d, column, per_unit, PAD / LANES, out, along_v);
+            collect_some(placed, state, vertex, d, column, per_unit, ROW / PAD, out, along_v);
+        for (; column < end; column += PAD) collect_some(placed, state, vertex, d, column, per_unit, 1, out, along_v);
     }
 }
 
 /* F G W, (D s, 2 m): two columns at a time are collected, and a vector of them is turned into rows. */
 static void collect(const Placed *placed, const State *state, double per_unit) {
     int columns = placed->signals * placed->width, across = 2 * placed->padded_vertices;
-    double *tile = state->system.tile;
-    for (int v = 0; v < across; v += LANES) {
-        for (int k = 0; k < LANES; k += 2)
+    float *tile = state->system.tile;
+    for (int v = 0; v < across; v += PAD) {
+        for (int k = 0; k < PAD; k += 2)
             collect_functions(placed, state, (v + k) / 2, per_unit, tile + (size_t)k * columns);
-        for (int row = 0; row < columns; row += LANES) {
-            Lanes square[LANES];
-            for (int k = 0; k < LANES; k++) square[k] = *(const Lanes *)(tile + (size_t)k * columns + row);
-            turn(square);
-            for (int k = 0; k < LANES; k++)
-                *(SingleLanes *)(state->system.collected + (size_t)(row + k) * across + v) =
-                    __builtin_convertvector(square[k], SingleLanes);
+        for (int row = 0; row < columns; row += PAD) {
+            Eight square[PAD];
+            for (int k = 0; k < PAD; k++) square[k] = *(const Eight *)(tile + (size_t)k * columns + row);
+            turn_eight(square);
+            for (int k = 0; k < PAD; k++)
+                *(Eight *)(state->system.collected + (size_t)(row + k) * across + v) = square[k];
         }
     }
 }
@@ -270,7 +269,7 @@ static void subtract_projection(const Placed *placed, const System *system, cons
     int width = placed->width, across = 2 * placed->padded_vertices, steps = across / (2 * LANES);
     const Singles *along = (const Singles *)x;
     Singles *left = (Singles *)y;
-    double *sums = system->tile;
+    double *sums = system->sums;
     for (int d = 0; d < placed->signals; d++) {
         const Singles *rows = (const Singles *)(system->collected + (size_t)d * width * across);
         for (int k = 0; k < width; k += PAD) {
@@ -359,7 +358,8 @@ static void lay_out_system(const Placed *placed, System *system, Arena *arena) {
     system->inverse = take(arena, across / 2, sizeof(Quad));
     system->collected = take_floats(arena, rows * across);
     system->normal_inverse = take_doubles(arena, rows * (size_t)placed->width);
-    system->tile = take_doubles(arena, LANES * rows);
+    system->tile = take_floats(arena, PAD * rows);
+    system->sums = take_doubles(arena, (size_t)placed->width);
     system->move = take_floats(arena, across);
     system->residual = take_floats(arena, across);
     system->direction = take_floats(arena, across);

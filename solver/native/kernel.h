@@ -123,7 +123,7 @@ typedef struct {
     int32_t *support;       /* (D, s) */
     double *coefficients;   /* (D, s) */
     double *inverse_factor; /* (D, s, s): inverse of the lower Cholesky factor of the Gram matrix */
-    double *functions;      /* (N, D, s): weighted; functions last, for the sums over observations are over rows */
+    float *functions;       /* (N, D, s): weighted; functions last, for the sums over observations are over rows */
     double *residual;       /* (D, N): weighted */
     double *u, *v;          /* tables (t + 1, N); v weighted */
     double misfit;
@@ -158,8 +158,9 @@ typedef struct {
     Quad *blocks, *diagonal; /* (neighbours), (m): the sparse part */
     Quad *inverse;           /* (m): of the blocks on the diagonal */
     float *collected;         /* (D s, 2 m): functions times slopes, collected at the vertices */
+    float *tile;              /* some columns of them, (PAD, D s) */
     double *normal_inverse;   /* (D, s, s): inverse Gram matrices of the functions */
-    double *tile;             /* some columns of them, (vector, D s) */
+    double *sums;             /* (s) */
     float *move, *residual, *direction, *applied, *preconditioned; /* (2 m) */
 } System;
 
@@ -180,8 +181,9 @@ typedef struct {
     double *gradient;                    /* (2, D, N) */
     double *slope_u, *slope_v;           /* (t + 1, STRIP): of a strip of observations */
     double *table_u, *table_v;           /* (t + 1, max(m, N)): at other places */
+    double *strip, *gram, *sums;         /* (STRIP, D, s): functions; (D, s, s), (D, s): what is summed over strips */
     Terms terms;
-    double *force, *observed;            /* (2, m), (N) */
+    double *force, *observed;            /* (2, m), (2, max(m, N)) */
     System system;
     Choice choice;
 } State;

@@ -52,7 +52,7 @@ static void lay_out_fit(const Placed *placed, Fit *fit, Arena *arena) {
     fit->support = take_integers(arena, signals * width);
     fit->coefficients = take_doubles(arena, signals * width);
     fit->inverse_factor = take_doubles(arena, signals * width * width);
-    fit->functions = take_doubles(arena, count * signals * width);
+    fit->functions = take_floats(arena, count * signals * width);
     fit->residual = take_doubles(arena, signals * count);
     fit->u = take_doubles(arena, table);
     fit->v = take_doubles(arena, table);
@@ -89,7 +89,10 @@ static void lay_out_state(const Placed *placed, State *state, Arena *arena) {
     state->table_u = take_doubles(arena, table);
     state->table_v = take_doubles(arena, table);
     state->force = take_doubles(arena, 2 * m);
-    state->observed = take_doubles(arena, count > m ? count : m);
+    state->observed = take_doubles(arena, 2 * (count > m ? count : m));
+    state->strip = take_doubles(arena, STRIP * signals * (size_t)placed->width);
+    state->gram = take_doubles(arena, signals * (size_t)placed->width * (size_t)placed->width);
+    state->sums = take_doubles(arena, signals * (size_t)placed->width);
     state->terms.u = take_integers(arena, (size_t)placed->width);
     state->terms.v = take_integers(arena, (size_t)placed->width);
     state->terms.coefficient = take_doubles(arena, (size_t)placed->width);

@@ -122,32 +122,29 @@ static void some_functions(const Placed *placed, const Fit *fit, const int32_t *
             if (number[k] >= 0) square[k] = *(const Lanes *)(u[k] + n) * *(const Lanes *)(v[k] + n);
         }
         turn(square);
-        for (int k = 0; k < LANES; k++) *(Lanes *)(functions + (size_t)(n + k) * columns) = square[k];
+        for (int k = 0; k < LANES; k++) *(Lanes *)(functions + (size_t)(n - first + k) * columns) = square[k];
     }
 }
 
-/* Weighted values of the chosen functions, (N, D s), for a few observations at a time, whose tables stay in the first
- * cache. */
-static void functions_of(const Placed *placed, Fit *fit) {
-    int count = placed->padded_observations, columns = placed->signals * placed->width;
-    for (int first = 0; first < count; first += STRIP) {
-        int end = first + STRIP < count ? first + STRIP : count;
-        for (int column = 0; column < columns; column += LANES) {
-            int32_t number[LANES];
-            for (int k = 0; k < LANES; k++) {
-                int place = (column + k) % placed->width, signal = column / placed->width;
-                number[k] = place < placed->sparsity ? fit->support[signal * placed->sparsity + place] : -1;
-            }
-            some_functions(placed, fit, number, first, end, columns, fit->functions + column);
+/* Weighted values of the chosen functions, (end - first, D s), for a strip of observations. */
+static void functions_of(const Placed *placed, const Fit *fit, int first, int end, double *functions) {
+    int columns = placed->signals * placed->width;
+    for (int column = 0; column < columns; column += LANES) {
+        int32_t number[LANES];
+        for (int k = 0; k < LANES; k++) {
+            int place = (column + k) % placed->width, signal = column / placed->width;
+            number[k] = place < placed->sparsity ? fit->support[signal * placed->sparsity + place] : -1;
         }
+        some_functions(placed, fit, number, first, end, columns, functions + column);
     }
 }
 
-/* Lower part of the Gram matrix (s, s) of one signal's functions, eight rows by one vector at a time. */
-static void chosen_gram(const double *functions, int count, int columns, int s, double *restrict gram) {
+/* Add to the lower part of the Gram matrix (s, s) of one signal's functions, eight rows by one vector at a time. */
+static void add_to_gram(const double *functions, int count, int columns, int s, double *restrict gram) {
     for (int i = 0; i < s; i += PAD)
         for (int j = 0; j < i + PAD; j += LANES) {
-            Lanes sum[PAD] = {{0.0}};
+            Lanes sum[PAD];
+            for (int k = 0; k < PAD; k++) sum[k] = *(const Lanes *)(gram + (i + k) * s + j);
             const double *row = functions;
             for (int n = 0; n < count; n++, row += columns) {
                 Lanes others = *(const Lanes *)(row + j);
@@ -181,7 +178,7 @@ static void invert_gram(double *gram, double *norm, int s, int width, double *in
         for (int j = 0; j <= i; j++) inverse_factor[i * width + j] /= norm[j];
 }
 
-/* Sums (s) of the functions of one signal times `values` (N). */
+/* Add to sums (s) of the functions of one signal times `values` (N). */
 static void correlate(const double *functions, const double *values, int count, int columns, int width, double *sums) {
     for (int k = 0; k < width; k += LANES) {
         Lanes sum = {0.0}, other = {0.0};
@@ -190,7 +187,7 @@ static void correlate(const double *functions, const double *values, int count, 
             sum += values[n] * *(const Lanes *)row;
             other += values[n + 1] * *(const Lanes *)(row + columns);
         }
-        *(Lanes *)(sums + k) = sum + other;
+        *(Lanes *)(sums + k) += sum + other;
     }
 }
 
@@ -229,27 +226,56 @@ static void subtract_terms(const Terms *terms, const Fit *fit, int count, double
     }
 }
 
+/* Sums over the strip of observations from `first` to `end`, whose tables are made: products of the functions with
+ * `values` (D, N) and, if `all`, the functions' Gram matrices.  The functions stay in single precision, which does for
+ * the system. */
+static void sum_strip(const Placed *placed, State *scratch, Fit *fit, const double *values, int first, int end,
+                      bool all) {
+    int count = placed->padded_observations, width = placed->width, columns = placed->signals * width;
+    double *strip = scratch->strip;
+    functions_of(placed, fit, first, end, strip);
+    for (int d = 0; d < placed->signals; d++) {
+        const double *functions = strip + d * width, *own = values + (size_t)d * count + first;
+        correlate(functions, own, end - first, columns, width, scratch->sums + d * width);
+        if (all) add_to_gram(functions, end - first, columns, width, scratch->gram + (size_t)d * width * width);
+    }
+    float *restrict kept = fit->functions + (size_t)first * columns;
+    for (int k = 0; all && k < (end - first) * columns; k++) kept[k] = (float)strip[k];
+}
+
+/* Go over the observations of `domain` strip by strip, all of a strip in the first cache: tables, functions, Gram
+ * matrices and products with the signals, whose weighted values become fit->residual. */
+static void sum_observations(const Placed *placed, const double *domain, State *scratch, Fit *fit) {
+    int count = placed->padded_observations, columns = placed->signals * placed->width;
+    double *u = scratch->observed, *v = u + count;
+    observe(placed, domain, u);
+    observe(placed, domain + placed->padded_vertices, v);
+    memset(scratch->gram, 0, sizeof(double) * (size_t)columns * (size_t)placed->width);
+    memset(scratch->sums, 0, sizeof(double) * (size_t)columns);
+    for (int first = 0; first < count; first += STRIP) {
+        int length = first + STRIP < count ? STRIP : count - first;
+        const double *weight = placed->root_weights + first;
+        strip_of_tables(fit->u + first, count, u + first, NULL, placed->degree, placed->legendre, length);
+        strip_of_tables(fit->v + first, count, v + first, weight, placed->degree, placed->legendre, length);
+        for (int d = 0; d < placed->signals; d++) {
+            const double *values = placed->values + (size_t)d * count + first;
+            double *restrict weighted = fit->residual + (size_t)d * count + first;
+            for (int n = 0; n < length; n++) weighted[n] = weight[n] * values[n];
+        }
+        sum_strip(placed, scratch, fit, fit->residual, first, first + length, true);
+    }
+}
+
 /* Fit the functions fit->support over `domain`: everything else of `fit` follows. */
 static void least_squares(const Placed *placed, const double *domain, State *scratch, Fit *fit) {
     int count = placed->padded_observations, s = placed->sparsity, width = placed->width;
-    int columns = placed->signals * width;
-    double *gram = scratch->choice.small, *norm = gram + width * width, *sums = norm + width;
-    observe(placed, domain, scratch->observed);
-    polynomial_tables(fit->u, scratch->observed, NULL, placed->degree, placed->legendre, count);
-    observe(placed, domain + placed->padded_vertices, scratch->observed);
-    polynomial_tables(fit->v, scratch->observed, placed->root_weights, placed->degree, placed->legendre, count);
-    functions_of(placed, fit);
+    sum_observations(placed, domain, scratch, fit);
     for (int d = 0; d < placed->signals; d++) {
-        const double *functions = fit->functions + d * width, *values = placed->values + (size_t)d * count;
         double *inverse_factor = fit->inverse_factor + (size_t)d * width * width;
-        double *residual = fit->residual + (size_t)d * count;
-        chosen_gram(functions, count, columns, width, gram);
-        invert_gram(gram, norm, s, width, inverse_factor);
-        for (int n = 0; n < count; n++) residual[n] = placed->root_weights[n] * values[n];
-        correlate(functions, residual, count, columns, width, sums);
-        solve_normal(inverse_factor, sums, s, width, fit->coefficients + d * s);
+        invert_gram(scratch->gram + (size_t)d * width * width, scratch->choice.small, s, width, inverse_factor);
+        solve_normal(inverse_factor, scratch->sums + d * width, s, width, fit->coefficients + d * s);
         list_terms(placed, fit, d, &scratch->terms);
-        subtract_terms(&scratch->terms, fit, count, residual);
+        subtract_terms(&scratch->terms, fit, count, fit->residual + (size_t)d * count);
     }
     fit->misfit = dot(fit->residual, fit->residual, placed->signals * count);
 }
@@ -257,11 +283,13 @@ static void least_squares(const Placed *placed, const double *domain, State *scr
 /* One step of iterative refinement of the coefficients: it takes back what the ridge cost. */
 static void refine_coefficients(const Placed *placed, State *scratch, Fit *fit) {
     int count = placed->padded_observations, s = placed->sparsity, width = placed->width;
-    double *sums = scratch->choice.small, *correction = sums + width;
+    double *correction = scratch->choice.small;
+    memset(scratch->sums, 0, sizeof(double) * (size_t)placed->signals * (size_t)width);
+    for (int first = 0; first < count; first += STRIP)
+        sum_strip(placed, scratch, fit, fit->residual, first, first + STRIP < count ? first + STRIP : count, false);
     for (int d = 0; d < placed->signals; d++) {
-        correlate(fit->functions + d * width, fit->residual + (size_t)d * count, count, placed->signals * width, width,
-                  sums);
-        solve_normal(fit->inverse_factor + (size_t)d * width * width, sums, s, width, correction);
+        const double *inverse_factor = fit->inverse_factor + (size_t)d * width * width;
+        solve_normal(inverse_factor, scratch->sums + d * width, s, width, correction);
         for (int k = 0; k < s; k++) fit->coefficients[d * s + k] += correction[k];
     }
 }

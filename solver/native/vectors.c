@@ -17,16 +17,30 @@ typedef float Singles __attribute__((vector_size(2 * LANES * sizeof(float)), may
 /* How many numbers of a row stay in registers: two vectors of PAD, as far as an instruction set has room for them. */
 enum { ROW = (int)LANES > 2 ? 2 * PAD : PAD };
 
+/* As many single numbers as rows are padded to. */
+typedef float Eight __attribute__((vector_size(PAD * sizeof(float)), may_alias));
+
+#if defined(__clang__) || __GNUC__ >= 12
+#define HAS_SHUFFLES
+#endif
+
 /* Turn a square of numbers: rows become columns.  (Shuffled vectors make functions_of 1.6 times as
  * fast as the plain loops: measured.) */
 static inline void turn(Lanes square[LANES]) {
-#if defined(__clang__) || __GNUC__ >= 12
+#if defined(HAS_SHUFFLES) && defined(__AVX__) && !defined(__AVX512F__)
+    /* by pairs of rows within the halves of a register, then by halves */
+    Lanes low = __builtin_shufflevector(square[0], square[1], 0, 4, 2, 6);
+    Lanes high = __builtin_shufflevector(square[0], square[1], 1, 5, 3, 7);
+    Lanes other_low = __builtin_shufflevector(square[2], square[3], 0, 4, 2, 6);
+    Lanes other_high = __builtin_shufflevector(square[2], square[3], 1, 5, 3, 7);
+    square[0] = __builtin_shufflevector(low, other_low, 0, 1, 4, 5);
+    square[1] = __builtin_shufflevector(high, other_high, 0, 1, 4, 5);
+    square[2] = __builtin_shufflevector(low, other_low, 2, 3, 6, 7);
+    square[3] = __builtin_shufflevector(high, other_high, 2, 3, 6, 7);
+#elif defined(HAS_SHUFFLES)
 #if defined(__AVX512F__)
 #define LOW(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11)
 #define HIGH(a, b) __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15)
-#elif defined(__AVX__)
-#define LOW(a, b) __builtin_shufflevector(a, b, 0, 4, 1, 5)
-#define HIGH(a, b) __builtin_shufflevector(a, b, 2, 6, 3, 7)
 #else
 #define LOW(a, b) __builtin_shufflevector(a, b, 0, 2)
 #define HIGH(a, b) __builtin_shufflevector(a, b, 1, 3)
@@ -46,6 +60,32 @@ static inline void turn(Lanes square[LANES]) {
     for (int i = 0; i < LANES; i++)
         for (int j = 0; j < i; j++) {
             double number = square[i][j];
+            square[i][j] = square[j][i], square[j][i] = number;
+        }
+#endif
+}
+
+/* The same of single numbers: by pairs of rows, by pairs of pairs, then by halves. */
+static inline void turn_eight(Eight square[PAD]) {
+#if defined(HAS_SHUFFLES)
+    Eight pair[PAD], four[PAD];
+    for (int k = 0; k < PAD; k += 2) {
+        pair[k] = __builtin_shufflevector(square[k], square[k + 1], 0, 8, 1, 9, 4, 12, 5, 13);
+        pair[k + 1] = __builtin_shufflevector(square[k], square[k + 1], 2, 10, 3, 11, 6, 14, 7, 15);
+    }
+    for (int k = 0; k < PAD; k += 4)
+        for (int i = 0; i < 2; i++) {
+            four[k + 2 * i] = __builtin_shufflevector(pair[k + i], pair[k + i + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+            four[k + 2 * i + 1] = __builtin_shufflevector(pair[k + i], pair[k + i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+        }
+    for (int k = 0; k < PAD / 2; k++) {
+        square[k] = __builtin_shufflevector(four[k], four[k + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+        square[k + 4] = __builtin_shufflevector(four[k], four[k + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+    }
+#else
+    for (int i = 0; i < PAD; i++)
+        for (int j = 0; j < i; j++) {
+            float number = square[i][j];
             square[i][j] = square[j][i], square[j][i] = number;
         }
 #endif
