@@ -89,8 +89,17 @@ class Surface:
 
     def rings(self, centres: Indices, radius: int) -> Members:
         """The triangles that touch the (radius - 1)-ring of each centre."""
+        return self.members(centres, radius, self.ring_sizes(centres, radius))
+
+    def ring_sizes(self, centres: Indices, radius: int) -> Indices:
+        """How many triangles these are, (K,)."""
         starts, sizes = np.ascontiguousarray(centres, dtype=np.int64), np.empty(len(centres), dtype=np.int64)
         self._run("ring_sizes", _at(starts), c_int64(len(starts)), c_int64(radius), _at(sizes))
+        return sizes
+
+    def members(self, centres: Indices, radius: int, sizes: Indices) -> Members:
+        """The triangles themselves, for the sizes that `ring_sizes` returned."""
+        starts = np.ascontiguousarray(centres, dtype=np.int64)
         found = Members(offsets_of(sizes), np.empty(int(sizes.sum()), dtype=np.int64))
         self._run("ring_members", _at(starts), c_int64(radius), byref(_native(found)))
         return found

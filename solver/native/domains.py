@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ctypes import Structure, byref, c_double, c_int64, c_void_p
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +18,29 @@ class _SparsePatches(Structure):
     )
 
 
+class _Damping(Structure):
+    _fields_ = (*((name, c_double) for name in ("share", "tiny", "longest", "far")),)
+
+
+@dataclass(frozen=True)
+class Damping:
+    """How steps are damped.
+
+    Attributes
+    ----------
+    share
+        What is added to the diagonal of the normal equations, a share of its sum.
+    longest
+        Longest step along each parameter.
+    far
+        A longer first step is followed by a second.
+    """
+
+    share: float
+    longest: float
+    far: float
+
+
 class SparsePatches:
     """The sparse functions of K patches: degrees in u and v, (K, r, s, 2), and coefficients, (K, r, s)."""
 
@@ -25,20 +49,24 @@ class SparsePatches:
         self._coefficients = np.ascontiguousarray(coefficients, dtype=np.float64)
         self._signals, self._width, self._degree, self._legendre = *coefficients.shape[1:], degree, legendre
 
-    def steps_towards(self, patch: Indices, place: Array, target: Array, damping: float) -> tuple[Array, Array]:
-        """One Gauss-Newton step from places (n, 2) towards targets (n, r), and the functions' speeds, (n, 2) both."""
+    def nearer(self, patch: Indices, place: Array, target: Array, damping: Damping) -> tuple[Array, Array]:
+        """One Gauss-Newton step from places (n, 2) towards targets (n, r), or two where the first is long.
+
+        Returns
+        -------
+        The new places, and the functions' speeds at the last step, (n, 2) both.
+        """
         given = [np.ascontiguousarray(patch, dtype=np.int64), *(np.ascontiguousarray(own) for own in (place, target))]
-        step, speed = np.empty_like(given[1]), np.empty_like(given[1])
+        found, speed = np.empty_like(given[1]), np.empty_like(given[1])
         addresses = (c_void_p(own.ctypes.data) for own in (self._u, self._v, self._coefficients))
         own = _SparsePatches(self._signals, self._width, self._degree, self._legendre, *addresses)
         failed = function("steps_towards")(
             byref(own),
+            byref(_Damping(damping.share, np.finfo(float).tiny, damping.longest, damping.far)),
             c_int64(len(patch)),
             *(c_void_p(array.ctypes.data) for array in given),
-            c_double(damping),
-            c_double(np.finfo(float).tiny),
-            *(c_void_p(array.ctypes.data) for array in (step, speed)),
+            *(c_void_p(array.ctypes.data) for array in (found, speed)),
         )
         if failed:
             raise MemoryError("There is not enough memory to read the domains.")
-        return step, speed
+        return found, speed

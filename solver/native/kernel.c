@@ -27,4 +27,5 @@
 #include "parameterisation.c"
 #include "entropy.c"
 #include "growth.c"
+#include "predicted.c"
 #include "walk.c"

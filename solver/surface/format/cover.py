@@ -11,6 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...arrays import Array, Booleans, Indices, offsets_of
+from ...native.disks import Surface
+from ...native.graphs import Graph
+from ...native.library import reason_against
 from ..container import demand
 
 POWER, HIDING = 1.5, 1000.0
@@ -52,9 +55,10 @@ def ring_members(incidence: Incidence, centres: Indices, rings: Indices, most: i
     """
     parts, held, first = [csr_array((0, len(incidence.nodes)), dtype=bool)], 0, 0
     each = max(len(incidence.nodes), 1)
-    step = max(AT_ONCE // each, 64)
+    compiled = reason_against() is None
+    step, grow = max(AT_ONCE // each, 256 if compiled else 64), _grown_natively if compiled else _grown
     while first < len(centres):
-        part = _grown(incidence, centres[first : first + step], rings[first : first + step], most - held)
+        part = grow(incidence, centres[first : first + step], rings[first : first + step], most - held)
         parts.append(part)
         held, first = held + part.nnz, first + step
     members = csr_array(vstack(parts, format="csr"))
@@ -75,6 +79,26 @@ def _grown(incidence: Incidence, centres: Indices, rings: Indices, most: int) ->
     members = csr_array(ball @ incidence.of_nodes)
     demand(members.nnz <= most, "its patches are larger than it says")
     return members
+
+
+def _grown_natively(incidence: Incidence, centres: Indices, rings: Indices, most: int) -> csr_array:
+    none, of_nodes = np.zeros((0, 3), dtype=np.int64), incidence.of_nodes
+    graph = Graph(incidence.reach.indptr, incidence.reach.indices)
+    surface = Surface(
+        graph, of_nodes.indptr, of_nodes.indices, incidence.nodes, none, none, *(none[:, k] for k in range(3))
+    )
+    radii = np.unique(rings[rings > 0])
+    sizes = np.zeros(len(centres), dtype=np.int64)
+    for radius in radii:
+        own = rings == radius
+        sizes[own] = surface.ring_sizes(centres[own], int(radius))
+    demand(sizes.sum() <= most, "its patches are larger than it says")
+    members = np.empty(int(sizes.sum()), dtype=np.int64)
+    for radius in radii:
+        own = rings == radius
+        members[np.repeat(own, sizes)] = surface.members(centres[own], int(radius), sizes[own]).triangles
+    ones = np.ones(len(members), dtype=bool)
+    return csr_array((ones, members, offsets_of(sizes)), shape=(len(centres), len(incidence.nodes)))
 
 
 def _chosen(which: Booleans, one: csr_array, other: csr_array) -> csr_array:

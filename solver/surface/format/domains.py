@@ -7,20 +7,21 @@ the patch's surface that is nearest to the vertex; what neighbours were off by i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...arrays import Array, Booleans, Indices
 from ...fitting.dictionary import Dictionary
-from ...native.domains import SparsePatches
+from ...native.domains import Damping, SparsePatches
 from ...native.library import reason_against
+from ...native.predicted import UnfoldedTriangles
 from .cover import Cover
 from .growth import Coder, mean_of, rounds
 
-DAMPING, LONGEST_STEP, EXPECTED = 1e-3, 0.1, 0.5
-FAR = 0.02
-"""A longer first step is followed by a second."""
+DAMPING = Damping(share=1e-3, longest=0.1, far=0.02)
+EXPECTED = 0.5
 
 LARGEST_START = 1e4
 ANYWHERE = 1.0
@@ -102,18 +103,33 @@ class Functions:
             np.einsum("rsn,rsn->rn", at_u, along_v),
         )
 
-    def steps_towards(self, patch: Indices, domain: Array, target: Array) -> tuple[Array, Array]:
-        """One Gauss-Newton step from parameters (n, 2) towards targets (n, r), and the speeds, (n, 2) both."""
+    def nearer(self, patch: Indices, domain: Array, target: Array) -> tuple[Array, Array]:
+        """Step from parameters (n, 2) towards the points nearest to targets (n, r): once, or twice if it is far.
+
+        Returns
+        -------
+        The new parameters, and how fast the functions move with each where the last step began, (n, 2) both.
+        """
         if self.compiled is not None:
-            return self.compiled.steps_towards(patch, domain, target, DAMPING)
-        value, u, v = self(patch, domain)
-        missing = target.T - value
-        uu, uv, vv = (u * u).sum(axis=0), (u * v).sum(axis=0), (v * v).sum(axis=0)
-        ue, ve = (u * missing).sum(axis=0), (v * missing).sum(axis=0)
-        speed = np.sqrt(np.stack([uu, vv], axis=1))
-        damping = DAMPING * (uu + vv) + np.finfo(float).tiny
-        uu, vv = uu + damping, vv + damping
-        return np.stack([vv * ue - uv * ve, uu * ve - uv * ue], axis=1) / (uu * vv - uv * uv)[:, None], speed
+            return self.compiled.nearer(patch, domain, target, DAMPING)
+        nearest, speed = self._step(patch, domain, target)
+        far = np.flatnonzero((np.abs(nearest - domain) > DAMPING.far).any(axis=1))
+        nearest[far], speed[far] = self._step(patch[far], nearest[far], target[far])
+        return nearest, speed
+
+    def _step(self, patch: Indices, domain: Array, target: Array) -> tuple[Array, Array]:
+        """Make one damped Gauss-Newton step; return the new parameters and the speeds, (n, 2) both."""
+        with np.errstate(all="ignore"):  # forged functions may overflow; their steps are cut off
+            value, u, v = self(patch, domain)
+            missing = target.T - value
+            uu, uv, vv = (u * u).sum(axis=0), (u * v).sum(axis=0), (v * v).sum(axis=0)
+            ue, ve = (u * missing).sum(axis=0), (v * missing).sum(axis=0)
+            speed = np.sqrt(np.stack([uu, vv], axis=1))
+            damping = DAMPING.share * (uu + vv) + np.finfo(float).tiny
+            uu, vv = uu + damping, vv + damping
+            step = np.stack([vv * ue - uv * ve, uu * ve - uv * ue], axis=1) / (uu * vv - uv * uv)[:, None]
+        step = np.where(np.isfinite(step), step, 0.0)
+        return domain + np.clip(step, -DAMPING.longest, DAMPING.longest), speed
 
 
 def code_domains(
@@ -138,14 +154,13 @@ def code_domains(
     # each corner of each triangle is predicted from the two that follow
     corners = np.ascontiguousarray(cover.corners.T)
     one, two = (np.roll(corners, -k, axis=0).ravel() for k in (1, 2))
-    share, height = (part[:, cover.mesh_triangles].ravel() for part in (shapes.share, shapes.height))
+    means = _suggestions(cover, shapes, one, two)
 
     def settle(places: Indices, start: Array, expected: Array, size: Array) -> None:
         start = np.where(np.abs(start) <= LARGEST_START, start, 0.0)  # collapsed triangles suggest anything
-        nearest, speed = _towards(functions, patch[places], start, target[places])
-        far = np.flatnonzero((np.abs(nearest - start) > FAR).any(axis=1))
-        nearest[far], speed[far] = _towards(functions, patch[places[far]], nearest[far], target[places[far]])
-        step = steps[places, None] / np.clip(speed, LEAST_SPEED, LARGEST_SPEED)
+        nearest, speed = functions.nearer(patch[places], start, target[places])
+        speed = np.clip(np.where(np.isfinite(speed), speed, LARGEST_SPEED), LEAST_SPEED, LARGEST_SPEED)
+        step = steps[places, None] / speed
         domain[places] = code(places, nearest + EXPECTED * expected, step, size)
         off[places] = domain[places] - nearest
 
@@ -155,17 +170,28 @@ def code_domains(
 
     settle_unpredicted(np.flatnonzero(known))
     for places, used, owner in rounds(corners.ravel(), np.stack([one, two], axis=1), known):
+        mean = means(domain, off, code.sizes, used, owner, len(places))
+        settle(places, mean[:, :2], mean[:, 2:4], np.repeat(mean[:, 4:], 2, axis=1))
+    settle_unpredicted(np.flatnonzero(~known))
+    return domain
+
+
+def _suggestions(cover: Cover, shapes: Shapes, one: Indices, two: Indices) -> Callable[..., Array]:
+    """Return what finds the means of what links from the patch vertices `one` and `two`, (3 S,), suggest."""
+    if not reason_against():
+        return UnfoldedTriangles(cover.corners, cover.mesh_triangles, shapes.share, shapes.height).means
+    share, height = (part[:, cover.mesh_triangles].ravel() for part in (shapes.share, shapes.height))
+
+    def means(domain: Array, off: Array, sizes: Array, used: Indices, owner: Indices, count: int) -> Array:
         a, b = one[used], two[used]
-        sizes = (code.sizes[a] + code.sizes[b]).mean(axis=1, keepdims=True) / 2.0
         start = domain[a]
         along = domain[b] - start
         turned = along[:, ::-1] * (-1.0, 1.0)
         suggested = start + share[used, None] * along + height[used, None] * turned
-        both = np.concatenate([suggested, (off[a] + off[b]) / 2.0, sizes], axis=1)
-        mean = mean_of(both, owner, len(places))
-        settle(places, mean[:, :2], mean[:, 2:4], np.repeat(mean[:, 4:], 2, axis=1))
-    settle_unpredicted(np.flatnonzero(~known))
-    return domain
+        size = (sizes[a] + sizes[b]).mean(axis=1, keepdims=True) / 2.0
+        return mean_of(np.concatenate([suggested, (off[a] + off[b]) / 2.0, size], axis=1), owner, count)
+
+    return means
 
 
 def shares_of(cover: Cover, weights: Array, least: float) -> Array:
@@ -185,16 +211,3 @@ def seeds_of(cover: Cover, centres: Indices) -> Booleans:
     seeds = np.zeros(len(cover.nodes), dtype=bool)
     seeds[cover.corners[first]] = True
     return seeds
-
-
-def _towards(functions: Functions, patch: Indices, domain: Array, target: Array) -> tuple[Array, Array]:
-    """Make one Gauss-Newton step from parameters (n, 2) towards the points nearest to the targets (n, r).
-
-    Returns
-    -------
-    The new parameters, and how fast the functions move with each, (n, 2).
-    """
-    with np.errstate(all="ignore"):  # forged functions may overflow; their steps are cut off below
-        step, speed = functions.steps_towards(patch, domain, target)
-    step = np.where(np.isfinite(step), step, 0.0)
-    return domain + np.clip(step, -LONGEST_STEP, LONGEST_STEP), np.where(np.isfinite(speed), speed, LARGEST_SPEED)

@@ -18,6 +18,9 @@ from .blocks import BlockReader, BlockWriter
 
 SCALE_BITS, WORD_BITS = 12, 16
 SCALE, LOWEST = 1 << SCALE_BITS, 1 << WORD_BITS
+TABLE_BITS = 3
+"""Leading bits of a table's frequencies that are kept: a file stores its tables in less, and numbers hardly in more."""
+
 CONTEXTS, SYMBOLS = 24, 96
 """Most tables, and symbols of a table: numbers have up to 47 bits."""
 
@@ -25,7 +28,7 @@ LARGEST = 2.0**46
 """A number lies strictly between this and its negative."""
 
 MOST_LANES = 256
-NUMBERS_OF_A_LANE = 4000
+NUMBERS_OF_A_LANE = 6000
 
 
 class TooLargeError(ArithmeticError):
@@ -101,7 +104,9 @@ def _scaled(counts: Indices) -> Indices:
     for row, own in zip(table, counts, strict=True):
         if not own.any():
             continue
-        row[:] = np.where(own > 0, np.maximum(own * SCALE // own.sum(), 1), 0)
+        fraction, exponent = np.frexp(np.maximum(own * SCALE // own.sum(), 1))
+        rounded = np.ldexp(np.rint(np.ldexp(fraction, TABLE_BITS)), exponent - TABLE_BITS)
+        row[:] = np.where(own > 0, np.maximum(rounded, 1), 0)
         while row.sum() != SCALE:
             largest = row.argmax()
             row[largest] = max(row[largest] + SCALE - row.sum(), row[largest] // 2 + 1)

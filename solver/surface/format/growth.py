@@ -70,8 +70,9 @@ class Reading:
     def __call__(self, places: Indices, predicted: Array, steps: Array, expected: Array) -> Array:
         """Return the stored values."""
         found = self._numbers.take(contexts_of(expected, steps).ravel()).reshape(predicted.shape)
-        self.sizes[places] = np.abs(found) * steps
-        values = predicted + found * steps
+        moves = found * steps
+        self.sizes[places] = np.abs(moves)
+        values = predicted + moves
         demand((np.abs(values) <= self._largest).all(), "a value is too large")
         return values
 

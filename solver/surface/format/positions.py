@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ...arrays import Array, Indices
 from ...mesh.edges import connected_parts, edge_keys, stable_order
+from ...native.library import reason_against
+from ...native.predicted import Parallelograms
 from .growth import Coder, mean_of, rounds
 
 ANYWHERE = 1e9
@@ -28,13 +32,19 @@ def code_positions(triangles: Indices, steps: Array, code: Coder) -> Array:
     seeds = np.flatnonzero(known)
     positions, steps = np.zeros((len(steps), 3)), steps[:, None]
     positions[seeds] = code(seeds, positions[seeds], steps[seeds], ANYWHERE * steps[seeds] + positions[seeds])
+    means = partial(_means, links) if reason_against() else Parallelograms(links).means
     for places, used, owner in rounds(links[:, 0], links[:, 1:], known):
-        a, b, c = (links[used, k] for k in (1, 2, 3))
-        suggested = positions[a] + positions[b] - positions[c]
-        off = (code.sizes[a] + code.sizes[b] + code.sizes[c]) / 3.0
-        mean = mean_of(np.concatenate([suggested, off], axis=1), owner, len(places))
+        mean = means(positions, code.sizes, used, owner, len(places))
         positions[places] = code(places, mean[:, :3], steps[places], mean[:, 3:])
     return positions
+
+
+def _means(links: Indices, positions: Array, sizes: Array, used: Indices, owner: Indices, count: int) -> Array:
+    """Means of what links suggest and of the sizes of their ends, (count, 6), over those that each owner has."""
+    a, b, c = (links[used, k] for k in (1, 2, 3))
+    suggested = positions[a] + positions[b] - positions[c]
+    off = (sizes[a] + sizes[b] + sizes[c]) / 3.0
+    return mean_of(np.concatenate([suggested, off], axis=1), owner, count)
 
 
 def _across_edges(triangles: Indices) -> tuple[Indices, Indices]:

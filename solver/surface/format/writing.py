@@ -48,8 +48,8 @@ SMALL_PIECE, SMALLEST_SHARE, FEWEST_TRIANGLES = 10.0, 1e-3, 12
 """Lengths are kept as exactly as a piece needs that is so many times smaller than the whole, but not more exactly than
 for a whole that is a share of this one's size.  Pieces of fewer triangles than a cube has do not count."""
 
-SCALE_BITS = 8
-"""Bits of the patches' scales; coefficients follow them."""
+ENERGY_STEP = 2
+"""Steps that rounded energies differ by, in hundredths of their logarithms."""
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ def _rounded_positions(blocks: BlockWriter, surface: Fields, quality: Quality, s
 
 def _rounded_functions(blocks: BlockWriter, surface: Fields, mean: Array, step: float) -> dict[str, Any]:
     number = whole_numbers((surface.origins - mean) / step)
-    fraction, exponent = np.frexp(surface.scales)
-    scales = np.ldexp(np.rint(np.ldexp(fraction, SCALE_BITS)), exponent - SCALE_BITS)
+    # powers of two take little room; coefficients follow them
+    scales = np.ldexp(1.0, np.rint(np.log2(surface.scales)).astype(np.int64))
     width = surface.support.shape[2]
     order = np.argsort(np.where(surface.support < 0, np.iinfo(np.int64).max, surface.support), axis=2, kind="stable")
     support = np.take_along_axis(surface.support, order, axis=2)
@@ -367,7 +367,7 @@ def blocks_of_energy(blocks: BlockWriter, energy: Array, rounded: bool) -> None:
         blocks.real("exact_energy", energy.astype(np.float32))
         return
     steps = np.zeros(energy.shape)
-    steps[finite] = np.rint(np.log(energy[finite]) * 100.0)
+    steps[finite] = ENERGY_STEP * np.rint(np.log(energy[finite]) * 100.0 / ENERGY_STEP)
     change = np.where(finite, np.diff(steps, axis=1, prepend=0.0), 0.0)
     blocks.whole("energy_counts", counts)
     blocks.whole("energy", change.T)
