@@ -3,6 +3,7 @@
     python scripts/test_matrix.py                    all rows
     python scripts/test_matrix.py 4.2 5.2            the rows of these Blenders
     python scripts/test_matrix.py numpy-1.24         a row of the solver tests
+    python scripts/test_matrix.py 4.2 5.2 --prepare  only make the environments of these rows
 
 Each row has an environment of its own in .venv-matrix/.  The Blender rows hold bpy, the NumPy that this Blender bundles
 and pytest, nothing else: SciPy and scikit-learn come from the wheels in the installed zip, and, where the system allows
@@ -85,6 +86,14 @@ def environment(name: str, row: Row) -> Path:
     return folder / "bin" / "python"
 
 
+def prepare(name: str, row: Row) -> None:
+    """Make the environment of a row, or say why it cannot be made."""
+    try:
+        environment(name, row)
+    except (LookupError, subprocess.CalledProcessError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+
+
 def without_network() -> list[str]:
     """Return the prefix of a command that shall run without network, empty where the system has no such means."""
     prefix = ["unshare", "--map-root-user", "--net"]
@@ -132,9 +141,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--zip", type=Path, help="test this zip instead of building one")
     parser.add_argument("--allow-missing-python", action="store_true", help="do not fail where a Python is not found")
     parser.add_argument("--pytest", action="append", default=[], metavar="ARGUMENT", help="hand this to pytest")
+    parser.add_argument("--prepare", action="store_true", help="make the environments and test nothing")
     options = parser.parse_args(arguments)
     LOGS.mkdir(parents=True, exist_ok=True)
     chosen = options.rows or list(rows)
+    if options.prepare:
+        for name in chosen:
+            prepare(name, rows[name])
+        return 0
     zip_path = options.zip
     if zip_path is None and any(rows[name].tests == "tests/blender" for name in chosen):
         try:

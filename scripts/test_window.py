@@ -3,6 +3,7 @@
     python scripts/test_window.py                        every script in every Blender that is found
     python scripts/test_window.py test_panel             one of them
     python scripts/test_window.py --but test_job         all but one of them
+    python scripts/test_window.py --prepare              only install the Blenders, which takes minutes the first time
     python scripts/test_window.py --where-available --shared-machine --measure-once
                                                          as in CI: no failure if no Blender is found, times are judged
                                                          as on a machine that others use, too, and what does nothing
@@ -128,6 +129,15 @@ def blenders() -> list[Executable | ToolVersion]:
     return [ToolVersion(version) for version in TOOL_VERSIONS] if TOOL.exists() else []
 
 
+def prepare() -> None:
+    """Install every Blender that can be had; say why another cannot."""
+    for blender in blenders():
+        try:
+            blender.set_up()
+        except Unavailable as error:
+            print(f"{blender.name}: {error}", file=sys.stderr)
+
+
 def run_scripts(
     blender: Executable | ToolVersion, scripts: list[Path], extra: Sequence[str] = ()
 ) -> list[tuple[str, int, float]]:
@@ -168,7 +178,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--where-available", action="store_true", help="do not fail where a Blender cannot be had")
     parser.add_argument("--shared-machine", action="store_true", help="let others' work come between in what is timed")
     parser.add_argument("--measure-once", action="store_true", help="measure times in the first Blender only")
+    parser.add_argument("--prepare", action="store_true", help="install the Blenders and run nothing")
     options = parser.parse_args(arguments)
+    if options.prepare:
+        prepare()
+        return 0
     extra = ["--shared-machine"] if options.shared_machine else []
     scripts = [SCRIPTS / f"{name}.py" for name in options.scripts or every if name not in options.but]
     codes: list[int] = []

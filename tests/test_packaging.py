@@ -264,6 +264,31 @@ def test_ci_does_not_fail_where_no_window_can_be_had(
     assert window.main([]) == 1
 
 
+def test_what_tests_need_can_be_fetched_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Blenders and environments are set up, nothing is tested, and what cannot be had is said."""
+    window, tool, calls = script("test_window"), tmp_path / "real-blender", tmp_path / "calls"
+    tool.write_text(f'#!/bin/sh\necho "$1 $2" >> {calls}\n[ "$1" != 4.3 ] || {{ echo no mirror >&2; exit 2; }}\n')
+    tool.chmod(0o755)
+    monkeypatch.delenv("BLENDER", raising=False)
+    monkeypatch.setattr(window, "TOOL", tool)
+    assert window.main(["--prepare"]) == 0
+    assert calls.read_text().splitlines() == ["5.2 setup", "4.3 setup"]
+    assert capsys.readouterr().err == "blender-4.3: no mirror\n"
+    matrix, made = script("test_matrix"), []
+
+    def environment(name: str, row: object) -> Path:
+        made.append(name)
+        raise LookupError("Python 2.99 not found")
+
+    monkeypatch.setitem(matrix.main.__globals__, "environment", environment)
+    monkeypatch.setitem(matrix.main.__globals__, "LOGS", tmp_path / "logs")
+    assert matrix.main(["4.2", "5.2", "--prepare"]) == 0
+    assert made == ["4.2", "5.2"]
+    assert capsys.readouterr().err == "4.2: Python 2.99 not found\n5.2: Python 2.99 not found\n"
+
+
 def window_tests(folder: Path, monkeypatch: pytest.MonkeyPatch, *, scripts_end_with: int, say: str = "passed x") -> Any:
     """Return the script that runs the window tests, with a Blender that ends each of them in this way."""
     window = script("test_window")
@@ -314,6 +339,10 @@ def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path)
     for path in [*files, *other, *(path.relative_to(CHECKOUT) for path in needed)]:
         (source / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(CHECKOUT / path, source / path)
+    built = script("build_native").library_here().relative_to(CHECKOUT)
+    if (CHECKOUT / built).exists():  # newer than its sources: it is not compiled again
+        (source / built).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(CHECKOUT / built, source / built)
     (source / "tests").mkdir()
     (source / "tests" / "test_x.py").write_text("")
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
