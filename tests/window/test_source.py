@@ -184,5 +184,53 @@ def test_a_result_is_compared_with_its_hidden_source():
     assert visible() == {driver.RESULT}
 
 
+def half(name: str, below: bool) -> Any:
+    """Return half a ball, whose border lies on the other's."""
+    circles = np.linspace(-1.0, 0.0, 9) if below else np.linspace(0.0, 1.0, 9)
+    turns = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    heights, angles = (part.ravel() for part in np.meshgrid(0.49 * np.pi * circles, turns, indexing="ij"))
+    place = np.stack([np.cos(heights) * np.cos(angles), np.cos(heights) * np.sin(angles), np.sin(heights)], axis=1)
+    one, beside = (np.add.outer(32 * np.arange(8), step % 32).ravel() for step in (np.arange(32), np.arange(1, 33)))
+    faces = np.stack([one, beside, beside + 32, one + 32], axis=1)
+    return driver.scenes.mesh_object(name, place, faces.tolist())
+
+
+def test_parts_are_resampled_together_and_joined_to_one():
+    driver.clear_scene()
+    parts = [half("Lower", True), half("Upper", False)]
+    driver.select(*parts)
+    yield from solved()
+    results = {f"{each.name} Sparse Surface" for each in parts}
+    assert visible() == results
+    driver.select(bpy.data.objects["Upper Sparse Surface"])
+    with driver.in_viewport():
+        bpy.ops.view3d.view_all()
+        assert bpy.ops.sparse_surface.resample("INVOKE_DEFAULT", True, splits=3) == {"FINISHED"}
+    yield 0.5
+    driver.shot("parts_resampled")
+    assert visible() == {f"{name} Resampled" for name in results}
+    borders = []
+    for name in sorted(results):
+        fine = bpy.data.objects[f"{name} Resampled"]
+        points, count = positions(fine), np.zeros(len(fine.data.vertices), dtype=int)
+        for face in fine.data.polygons:
+            count[list(face.vertices)] += 1
+        borders.append({tuple(point) for point in points[(count == 2) & (np.abs(points[:, 2]) < 0.5)].tolist()})
+    assert len(borders[0]) == 96
+    assert borders[0] == borders[1]
+    with driver.in_viewport():
+        bpy.ops.ed.undo()
+    yield 0.5
+    assert visible() == results
+    for name in ("Lower", "Upper"):
+        bpy.data.objects[name].hide_set(False)
+    driver.select(bpy.data.objects["Upper"], bpy.data.objects["Lower"])
+    with driver.in_viewport():
+        assert bpy.ops.object.join() == {"FINISHED"}
+    yield from solved()
+    driver.shot("parts_joined")
+    assert visible() == {"Lower Sparse Surface"}
+
+
 if __name__ == "__main__":
     driver.run(*(value for name, value in list(globals().items()) if name.startswith("test_")))
