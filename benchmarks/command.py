@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..solver.errors import InputError
-from . import accuracy, alignment, denoising, distances, evaluation, measured, performance, published_noise
+from . import accuracy, alignment, denoising, distances, evaluation, file_sizes, measured, performance, published_noise
 from . import generated_models as models
 from .cases import Case
 from .tables import Table
@@ -43,6 +43,7 @@ PARTS: dict[str, tuple[Sequence[str], Callable[[Sequence[Case], Say], Result]]] 
     "presets": (ALL, accuracy.presets),
     "ablation": (ABLATED, accuracy.ablation),
     "representation": (evaluation.MODELS, evaluation.run),
+    "files": (file_sizes.MODELS, file_sizes.run),
     "denoising": (ALL, denoising.run),
     "distances": (ALL, distances.run),
     "alignment": (ALIGNED, alignment.run),

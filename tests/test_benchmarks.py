@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from sparse_surface.benchmarks import accuracy, alignment, denoising, distances, evaluation, published_noise
+from sparse_surface.benchmarks import accuracy, alignment, denoising, distances, evaluation, file_sizes, published_noise
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.benchmarks.bilateral import filtered
 from sparse_surface.benchmarks.cases import STAGES, Case, Measured, measure
@@ -140,6 +140,16 @@ def test_a_representation_is_measured_and_written() -> None:
     tables = evaluation.tables([found])
     assert "| cube | smooth, rims |" in tables["bends"].markdown()
     assert tables["representation"].cell("cube", "patches") == str(found.patches)
+
+
+def test_files_are_measured() -> None:
+    found = file_sizes.measure_files(Case("cube", QUICK, size=8), points=1000)
+    assert found.exact > 2 * found.compact > 2_000
+    assert found.exact > 2 * found.any_order > 2_000
+    assert 0.0 < found.moved < 1e-5
+    assert min(found.exact_load, found.compact_load) > 0.0
+    row = file_sizes.table([found])
+    assert row.cell("cube", "compact, kB") == f"{found.compact / 1000:.1f}"
 
 
 def test_tables_are_markdown() -> None:
