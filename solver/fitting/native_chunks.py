@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from ctypes import byref, c_int64, c_void_p
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Indices, offsets_of
+from ..arrays import Array, Indices
 from ..native.library import NativeSettings, function, reason_for_numpy
 from ..settings import Settings
 from . import chunks as by_numpy
@@ -25,6 +24,12 @@ DONE, OUT_OF_MEMORY = 0, 1
 
 FRAME_SIZE = 10
 """Numbers of a frame: centre, turn, origin, scale."""
+
+SUPPORT = 3
+"""Place of the functions' numbers, which are integers, among the arrays of `_Solved`."""
+
+NUMBER_SIZE = 8
+"""Bytes of a number, whole or not."""
 
 COUNTS = 8
 """Fields of `Problem` in kernel.h before `noise`: those of `_sizes`; behind it are addresses."""
@@ -204,18 +209,19 @@ class Prepared:
         m, t, observations, signals, _, width, warm_started, _ = sizes.T
         steps = np.where(warm_started, 0, max(settings.iterations, 1))
         own = (2 * m, 3 * t, m * signals, 3 * observations, 3 * observations, observations * signals, observations)
-        given = tuple(zip(own, arrays, strict=True))
         kept = steps * m * signals if settings.keep_iterations else 0 * m
-        lengths = (0 * m + FRAME_SIZE, 2 * m, 2 * m, signals * width, signals * width, observations * signals)
-        found = [(own, np.zeros(own.sum(), dtype=np.int64 if k == 3 else np.float64)) for k, own in enumerate(lengths)]
-        found += [(own, np.zeros(own.sum())) for own in (steps, steps, kept)]
-        natives = np.empty((len(sizes), COUNTS + 1 + len(given) + len(found)), dtype=np.int64)
+        room = (0 * m + FRAME_SIZE, 2 * m, 2 * m, signals * width, signals * width, observations * signals)
+        lengths = np.stack((*own, *room, steps, steps, kept))
+        ends = np.cumsum(lengths, axis=1)
+        found = [np.zeros(end, np.int64 if k == SUPPORT else np.float64) for k, end in enumerate(ends[len(own) :, -1])]
+        addresses = np.array([array.ctypes.data for array in (*arrays, *found)])
+        natives = np.empty((len(sizes), COUNTS + 1 + len(lengths)), dtype=np.int64)
         natives[:, :COUNTS] = sizes
         natives.view(np.float64)[:, COUNTS] = noise
-        for column, (own, array) in enumerate((*given, *found), COUNTS + 1):
-            natives[:, column] = array.ctypes.data + array.itemsize * offsets_of(own)[:-1]
+        natives[:, COUNTS + 1 :] = (addresses[:, None] + NUMBER_SIZE * (ends - lengths)).T
         natives[kept == 0, -1] = 0
-        pieces = [[array[a:b] for a, b in pairwise(offsets_of(own).tolist())] for own, array in found]
+        slots = zip(found, (ends - lengths)[len(own) :].tolist(), ends[len(own) :].tolist(), strict=True)
+        pieces = [[array[a:b] for a, b in zip(*places, strict=True)] for array, *places in slots]
         each = zip(signals.tolist(), warm, *pieces, strict=True)
         return cls(natives, arrays, [_room(*own) for own in each])
 
