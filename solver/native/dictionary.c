@@ -79,6 +79,16 @@ static void product_coefficients(double *restrict coefficients, int degree, bool
         }
 }
 
+/* The same as (i, r, k), rows padded: many k at once are put into a Gram matrix. */
+static void turn_products(const double *coefficients, double *restrict rows, int degree) {
+    int side = degree + 1, width = padded(side);
+    memset(rows, 0, sizeof(double) * (size_t)side * side * width);
+    for (int i = 0; i <= degree; i++)
+        for (int k = 0; k <= degree; k++)
+            for (int r = 0; r <= (i < k ? i : k); r++)
+                rows[(size_t)(i * side + r) * width + k] = coefficients[(size_t)(i * side + k) * side + r];
+}
+
 /* Values (count) of a sparse combination of the functions; `u` and `v` are tables (t + 1, count). */
 static void sparse_values(const Placed *placed, const int32_t *support, const double *coefficients,
                           const double *restrict u, const double *restrict v, int count, double *restrict values) {

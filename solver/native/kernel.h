@@ -142,6 +142,7 @@ typedef struct {
 typedef struct {
     double *gram, *correlation; /* (n, n), (D, n); rows padded */
     double *products;           /* (t + 1, t + 1, t + 1): coefficients of products of polynomials */
+    double *product_rows;       /* the same, (i, r, k) instead of (i, k, r), rows padded */
     double *u, *v, *rows;       /* tables up to twice the degree; rows that are summed up */
     double *moments;            /* (2 t + 1, 2 t + 1), padded */
     double *greedy;             /* (s + 5, n): orthogonalised rows, and what goes with them */

@@ -65,6 +65,7 @@ static void lay_out_choice(const Placed *placed, Choice *choice, Arena *arena) {
     choice->gram = take_doubles(arena, stride * stride);
     choice->correlation = take_doubles(arena, (size_t)placed->signals * stride);
     choice->products = take_doubles(arena, side * side * side);
+    choice->product_rows = take_doubles(arena, side * side * (size_t)padded((int)side));
     choice->u = take_doubles(arena, rows * count);
     choice->v = take_doubles(arena, rows * count);
     choice->rows = take_doubles(arena, 4 * count);
@@ -148,8 +149,11 @@ static Status place(const Problem *problem, Placed *placed) {
 static Status start_from(const Problem *problem, const Placed *placed, State *state) {
     int m = placed->padded_vertices;
     memcpy(state->domain, placed->start, sizeof(double) * 2 * (size_t)m);
-    product_coefficients(state->choice.products, placed->degree, placed->legendre);
-    if (!problem->warm) return DONE;
+    if (!problem->warm) {
+        product_coefficients(state->choice.products, placed->degree, placed->legendre);
+        turn_products(state->choice.products, state->choice.product_rows, placed->degree);
+        return DONE;
+    }
     for (int v = 0; v < placed->vertices; v++) {
         state->domain[v] = problem->solved[2 * v];
         state->domain[m + v] = problem->solved[2 * v + 1];

@@ -57,24 +57,39 @@ static void correlations_of(const Placed *placed, Choice *choice, int stride, in
     }
 }
 
+/* Sums of q_j q_l, for as many l as a vector holds from l on, with numbers that belong to q_0, q_1, ...; those before
+ * the first have to be zero. */
+static inline Lanes product_sums(const double *rows, int width, int j, int l, const double *numbers) {
+    Lanes sum = {0.0};
+    for (int r = 0; r <= j && r < l + (int)LANES; r++) {
+        Lanes own;
+        memcpy(&own, numbers + j + l - 2 * r, sizeof own);
+        sum += *(const Lanes *)(rows + (size_t)r * width + l) * own;
+    }
+    return sum;
+}
+
 /* Gram matrix of all pairs q_i(u) q_j(v), q_k(u) q_l(v) of given i and k, from the moments. */
 static void gram_of(Choice *choice, int degree, int i, int k, int moment_stride, int stride) {
-    int side = degree + 1, highest = 2 * degree - i - k;
-    double along[2 * 64 + 1];
+    int side = degree + 1, width = padded(side), highest = 2 * degree - i - k;
+    double numbers[3 * 64 + 2 * PAD] = {0.0}, *along = numbers + degree;
     const double *of_u = choice->products + (size_t)(i * side + k) * side;
-    for (int b = 0; b <= highest; b++) along[b] = 0.0;
     for (int r = 0; r <= k; r++) {
         const double *moments = choice->moments + (i + k - 2 * r) * moment_stride;
         for (int b = 0; b <= highest; b++) along[b] += of_u[r] * moments[b];
     }
-    for (int j = 0; j <= degree - i; j++)
-        for (int l = 0; l <= degree - k; l++) {
-            const double *of_v = choice->products + (size_t)(j * side + l) * side;
-            double sum = 0.0;
-            for (int r = 0; r <= (j < l ? j : l); r++) sum += of_v[r] * along[j + l - 2 * r];
-            int one = function_number(i, j), other = function_number(k, l);
-            choice->gram[(size_t)one * stride + other] = choice->gram[(size_t)other * stride + one] = sum;
+    for (int j = 0; j <= degree - i; j++) {
+        const double *rows = choice->product_rows + (size_t)j * side * width;
+        int one = function_number(i, j);
+        for (int first = 0; first <= degree - k; first += LANES) {
+            Lanes sums = product_sums(rows, width, j, first, along);
+            int end = first + LANES <= degree - k + 1 ? (int)LANES : degree - k + 1 - first;
+            for (int l = 0; l < end; l++) {
+                int other = function_number(k, first + l);
+                choice->gram[(size_t)one * stride + other] = choice->gram[(size_t)other * stride + one] = sums[l];
+            }
         }
+    }
 }
 
 /* Gram matrix of the weighted dictionary (n, n), and its correlations with the weighted signals (D, n).
