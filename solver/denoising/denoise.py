@@ -29,7 +29,7 @@ from .preview import Preview
 from .seeds import scattered
 from .surface import Surface, build_surface
 from .triangle_repair import repair_triangles
-from .vertex_update import fill_in, move_wild_ones_far, update_directions
+from .vertex_update import LEAST_VARIANCE, fill_in, move_wild_ones_far, settle, update_directions
 
 CLEAN = 0.03
 """Relief below this share of the mean edge length counts as the mesh's own and stays ..."""
@@ -51,7 +51,8 @@ _BESIDE = 2
 _ON_WIDE_SIDES = 6.0
 """Their `largest_change`."""
 
-_COVERAGE = 6  # patches over each triangle that are enough
+_COVERAGE = 6  # patches over each triangle that are enough ...
+_CROWD = 18  # ... and on wide sides over a seed, however few lie elsewhere, unless errors are alike
 _BATCHES = 8
 _STEPS_DOWN = 3
 
@@ -311,7 +312,8 @@ def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, A
         normals = average.normals(guide)
     wide = _beside_wide_patches(surface, average, rules[-1])
     if wide.any() and not average.hurried:
-        rule, guide = replace(rules[-1], largest_change=_ON_WIDE_SIDES), unit(guide + normals)
+        rule = replace(rules[-1], largest_change=_ON_WIDE_SIDES)
+        guide = unit(guide + normals)
         fitting = _average_of_patches(surface, noisy, guide, noise, rule, (wide, average))
         average.include((yield from within(fitting, 0.65, 0.95)))
         normals = average.normals(normals)
@@ -319,7 +321,7 @@ def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, A
     yield Progress("Moving vertices", 0.95, surface=partial(preview.vertices, average))
     _, areas = normals_and_areas(noisy, surface.triangles)
     directions = update_directions(normals, areas, surface, len(noisy))
-    moved = _moved(surface, noisy, normals, average.planes(), directions, noise)
+    moved = _moved(surface, noisy, normals, average, directions, noise)
     return moved, directions
 
 
@@ -340,14 +342,17 @@ def _moved(
     surface: Surface,
     noisy: Array,
     normals: Array,
-    planes: tuple[Array, Array, Array],
+    average: PatchAverage,
     directions: Array,
     noise: _Noise,
 ) -> Array:
     """Return the vertices on their planes; wild ones may move far, and triangles folded over are turned back."""
+    planes = average.planes()
     matrices, _, weight = planes
     moved, limit = move_wild_ones_far(noisy, planes, directions, noise.level, noise.known)
     moved = fill_in(noisy, moved, weight > 0, surface, normals, limit)
+    stiffness = average.stiffness(moved - noisy, directions, LEAST_VARIANCE * limit**2)
+    moved = settle(noisy, moved, directions, stiffness, surface, (normals, average.normal_variances()), limit)
     if noise.sideways:
         moved = repair_triangles(noisy, moved, matrices, weight > 0, surface, normals, limit)
     return moved
@@ -370,13 +375,14 @@ def _average_of_patches(
     average = PatchAverage(len(surface.triangles), len(noisy), rule.misfit_power)
     asked, shown = (True, [average]) if beside is None else (beside[0], [beside[1], average])
     order = scattered(np.flatnonzero(normals.any(axis=1) & asked))
+    crowd = _CROWD if noise.length == 0.0 else len(order)
     for batch in range(_BATCHES):
         seeds = order[batch::_BATCHES]
         seeds = seeds[average.coverage[seeds] < (1 if average.hurried else _COVERAGE)]
-        for start in range(0, len(seeds), fitter.chunk):
-            done = (batch + start / len(seeds)) / _BATCHES
+        for share, some in average.uncrowded(seeds, crowd, fitter.chunk):
+            done = (batch + share) / _BATCHES
             step = Progress("Fitting one-sided patches", done, surface=partial(preview.vertices, *shown))
             average.hurried |= (yield step) == FINISH
-            for fits in fitter.fits(seeds[start : start + fitter.chunk]):
+            for fits in fitter.fits(some):
                 average.add(fits)
     return average

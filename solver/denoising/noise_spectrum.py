@@ -120,9 +120,9 @@ def _residuals(disks: csr_array, seeds: Indices, positions: Array, normals: Arra
     scale = np.where(scale > 0, scale, 1.0)
     u, v, height = (local / scale[row, None]).T
     terms = np.asarray(quadric_terms(u, v, axis=1))
-    columns = np.column_stack([terms, height])
-    products = (columns[:, :, None] * columns[:, None, :]).reshape(len(row), -1)
-    sums = np.add.reduceat(products, disks.indptr[:-1], axis=0).reshape(-1, _TERMS + 1, _TERMS + 1)
+    columns = np.zeros((len(seeds), int(counts.max()), _TERMS + 1))
+    columns[row, np.arange(len(row)) - disks.indptr[row]] = np.column_stack([terms, height])
+    sums = columns.transpose(0, 2, 1) @ columns
     gram = sums[:, :_TERMS, :_TERMS] + 1e-9 * counts[:, None, None] * np.eye(_TERMS)
     targets = sums[:, :_TERMS, _TERMS]
     coefficients = np.linalg.solve(gram, targets[..., None])[..., 0]

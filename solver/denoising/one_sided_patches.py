@@ -18,6 +18,7 @@ from ..arrays import Array, Booleans, Indices
 from ..mesh.normals import unit
 from ..mesh.quadrics import quadric_terms
 from .patch_growth import Claims, GrowingPatches, agreeing_neighbours, chunk_size
+from .patch_normals import bends_of_triangles, local_normals
 from .surface import Surface
 
 TERMS = 6  # 1, u, v, u^2, u v, v^2
@@ -94,6 +95,8 @@ class Fits:
         Covariance of the coefficients for noise of variance 1, (P, 6, 6).
     at_triangle, at_vertex
         (u, v) of the centroids, (P, 2, K), and of the vertices, (P, 2, L).
+    corners
+        The triangles' corners from their centroids, in (u, v), (P, 2, 3, K).
     triangle_weights
         How well the quadratic follows the guiding normals, (P, K), zero on padding.
     vertex_weights
@@ -115,6 +118,7 @@ class Fits:
     variance: Array
     at_triangle: Array
     at_vertex: Array
+    corners: Array
     triangle_weights: Array
     vertex_weights: Array
     residuals: Array
@@ -135,10 +139,18 @@ class Fits:
         terms = _terms(at)
         return np.maximum(np.einsum("pin,pin->pn", self.variance @ terms, terms), 1e-12)
 
-    def normals(self, at: Array) -> Array:
-        """Return the quadratics' unit normals in space at (u, v), (P, 2, N): (P, N, 3)."""
-        local = local_normals(at, self.coefficients, self.lengths)
-        return local.transpose(0, 2, 1) @ self.frames.transpose(0, 2, 1)
+    def normals_at_vertices(self) -> Array:
+        """Return the quadratics' unit normals in space at the vertices, (P, L, 3)."""
+        return self._in_space(local_normals(self.at_vertex, self.coefficients, self.lengths))
+
+    def normals_of_triangles(self) -> Array:
+        """Return the unit normals of the planes through the quadratics' points at the corners, (P, K, 3)."""
+        bends = bends_of_triangles(self.corners, self.coefficients)
+        return self._in_space(local_normals(self.at_triangle, self.coefficients, self.lengths, bends))
+
+    def _in_space(self, normals: Array) -> Array:
+        turned: Array = normals.transpose(0, 2, 1) @ self.frames.transpose(0, 2, 1)
+        return turned
 
 
 class PatchFitter:
@@ -213,7 +225,10 @@ class PatchFitter:
         vertices, corner_places = self._vertices_of(rows, members, len(seeds))
         frames, lengths = _frames(self._guide[seeds]), self._unit_length[seeds]
         at_vertex, heights = self._local(vertices, self._vertices, seeds, frames)
-        at_triangle, _ = self._local(triangles, self._centroids, seeds, frames)
+        corners = np.zeros((len(seeds), 2, 3, triangles.shape[1]))
+        for axis in range(2):
+            corners[rows, axis, :, columns] = at_vertex[:, axis].ravel()[corner_places].reshape(-1, 3)
+        at_triangle = corners.mean(axis=2)
         guide = (self._guide[triangles] @ frames).transpose(0, 2, 1)
         terms = _terms(at_vertex)
         taper, ridge = _taper_and_ridge(at_vertex, vertices >= 0)
@@ -242,6 +257,7 @@ class PatchFitter:
             *(triangles, vertices, frames, lengths, coefficients, gram, variance),
             at_triangle=at_triangle,
             at_vertex=at_vertex,
+            corners=corners - at_triangle[:, :, None],
             triangle_weights=likeness(coefficients) * (triangles >= 0),
             vertex_weights=final,
             residuals=residuals,
@@ -271,16 +287,6 @@ class PatchFitter:
 def _terms(at: Array) -> Array:
     """Return the quadratic's terms at (u, v), (P, 2, N): (P, 6, N)."""
     return quadric_terms(at[:, 0], at[:, 1], axis=1)
-
-
-def local_normals(at: Array, coefficients: Array, lengths: Array) -> Array:
-    """Return the quadratics' unit normals at (u, v), (P, 2, N), in their own frames: (P, 3, N)."""
-    u, v = at[:, 0], at[:, 1]
-    c = (coefficients / lengths[:, None])[..., None]
-    slope_u = c[:, 1] + 2 * c[:, 3] * u + c[:, 4] * v
-    slope_v = c[:, 2] + c[:, 4] * u + 2 * c[:, 5] * v
-    upward = 1 / np.sqrt(1 + slope_u**2 + slope_v**2)
-    return np.stack((-slope_u * upward, -slope_v * upward, upward), axis=1)
 
 
 def _padded(rows: Indices, members: Indices, count: int) -> tuple[Indices, Indices]:

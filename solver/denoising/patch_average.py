@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..arrays import Array, Indices
@@ -10,6 +12,7 @@ from .one_sided_patches import Fits
 
 _BUFFER = 1 << 19  # entries that are summed up at once
 _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_WINDOW = 16  # times as many seeds as are wanted at once are looked through
 _CERTAIN = 0.5  # weight from which a patch counts as covering a triangle
 
 
@@ -73,21 +76,35 @@ class PatchAverage:
 
     def __init__(self, triangle_count: int, vertex_count: int, misfit_power: float) -> None:
         self._misfit_power = misfit_power
-        self._normals = _Sums(triangle_count, 3)
-        self._planes = _Sums(vertex_count, 10)
-        self._covers = _Sums(triangle_count, 2)  # patches over each triangle, and the sum of their sizes
+        self._normals = _Sums(triangle_count, 4)
+        self._planes = _Sums(vertex_count, 11)
+        self._covers = np.zeros((triangle_count, 2), dtype=np.int64)  # patches over each triangle, and their sizes
         self.hurried = False
 
     @property
-    def coverage(self) -> Array:
-        """How many patches cover each triangle, (T,)."""
-        return self._covers.total()[:, 0]
+    def coverage(self) -> Indices:
+        """How many patches cover each triangle by now, (T,)."""
+        return self._covers[:, 0]
 
     @property
     def patch_sizes(self) -> Array:
         """Mean number of triangles of the patches that cover each triangle, (T,); 0 where none does."""
-        count, sizes = self._covers.total().T
-        return sizes / np.maximum(count, 1)
+        count, sizes = self._covers.T
+        mean: Array = sizes / np.maximum(count, 1)
+        return mean
+
+    def uncrowded(self, seeds: Indices, crowd: int, most: int) -> Iterator[tuple[float, Indices]]:
+        """Yield at most so many of the seeds at a time: those over which no crowd of patches lies by then.
+
+        With them comes the share of the seeds that were looked at before.
+        """
+        start = 0
+        while start < len(seeds):
+            window = seeds[start : start + _WINDOW * most]
+            places = np.flatnonzero(self.coverage[window] < (1 if self.hurried else crowd))[:most]
+            if len(places):
+                yield start / len(seeds), window[places]
+            start += int(places[-1]) + 1 if len(places) == most else len(window)
 
     def add(self, fits: Fits) -> None:
         """Add patches; those that are not sound are ignored."""
@@ -97,32 +114,54 @@ class PatchAverage:
         trust = np.maximum(fits.misfit, 1.0) ** -self._misfit_power
         at_triangle = fits.triangle_weights > 0
         weight = fits.triangle_weights * trust[:, None] / fits.spread(fits.at_triangle)
-        rows = fits.normals(fits.at_triangle) * weight[..., None]
-        self._normals.add(fits.triangles[at_triangle], rows[at_triangle])
+        rows = _with_ones(fits.normals_of_triangles()[at_triangle]) * weight[at_triangle][:, None]
+        self._normals.add(fits.triangles[at_triangle], rows)
         at_vertex = fits.vertex_weights > 0
         weight = (fits.vertex_weights * trust[:, None] / fits.spread(fits.at_vertex))[at_vertex]
-        everywhere = fits.normals(fits.at_vertex)
+        everywhere = fits.normals_at_vertices()
         # A residual is measured along the seed's normal; the way to the surface is shorter where that leans.
         upright = np.einsum("pnc,pc->pn", everywhere, fits.frames[:, :, 2])
         normals, offsets = everywhere[at_vertex], (-fits.residuals * upright)[at_vertex]
         products = np.stack([normals[:, i] * normals[:, j] for i, j in _SYMMETRIC], axis=1)
-        targets = normals * offsets[:, None]
-        rows = np.concatenate((products, targets, np.ones((len(normals), 1))), axis=1) * weight[:, None]
+        targets, squares = normals * offsets[:, None], offsets[:, None] ** 2
+        rows = np.concatenate((products, _with_ones(targets), squares), axis=1) * weight[:, None]
         self._planes.add(fits.vertices[at_vertex], rows)
         covers = fits.triangle_weights > _CERTAIN
         covered, sizes = fits.triangles[covers], covers.sum(axis=1)
-        self._covers.add(covered, np.column_stack((np.ones(len(covered)), np.repeat(sizes, sizes))))
+        np.add.at(self._covers[:, 0], covered, 1)
+        np.add.at(self._covers[:, 1], covered, np.repeat(sizes, sizes))
 
     def include(self, other: PatchAverage) -> None:
         """Add all patches of another average over the same mesh."""
         self._normals.include(other._normals)
         self._planes.include(other._planes)
-        self._covers.include(other._covers)
+        self._covers += other._covers
 
     def normals(self, guide: Array) -> Array:
         """Return the triangles' averaged normals, (T, 3); the guide's where no patch has a value."""
-        averaged = unit(self._normals.total())
+        averaged = unit(self._normals.total()[:, :3])
         return np.where((averaged == 0).all(axis=1)[:, None], guide, averaged)
+
+    def normal_variances(self) -> Array:
+        """Return how much the patches differ about each triangle's normal, (T,): variances along one tangent.
+
+        Where no patch has a value, as if every direction were as likely as any other.
+        """
+        sums = self._normals.total()
+        agreeing = ((sums[:, :3] / np.where(sums[:, 3] > 0, sums[:, 3], 1.0)[:, None]) ** 2).sum(axis=1)
+        variances: Array = np.maximum(1 - agreeing, 0.0) / 2
+        return variances
+
+    def stiffness(self, moves: Array, directions: Array, least: float) -> Array:
+        """Return how firmly the patches hold each vertex, (V,), along its direction, (V, 3), after its move, (V, 3).
+
+        One over the variance of the planes that they give for it, which is at least `least`; infinite without patches.
+        """
+        matrices, targets, weight = self.planes()
+        squares = self._planes.total()[:, 10] / np.where(weight > 0, weight, 1.0)
+        through = np.einsum("vi,vij,vj->v", moves, matrices, moves) - 2 * (targets * moves).sum(axis=1)
+        along = np.einsum("vi,vij,vj->v", directions, matrices, directions)
+        return np.where(weight > 0, along / np.maximum(squares + through, least), np.inf)
 
     def planes(self) -> tuple[Array, Array, Array]:
         """Return the mean equations of the vertices.
@@ -139,8 +178,12 @@ class PatchAverage:
         return _mean_equations(sum((other._planes.so_far() for other in others), self._planes.so_far()))
 
 
+def _with_ones(rows: Array) -> Array:
+    return np.column_stack((rows, np.ones(len(rows))))
+
+
 def _mean_equations(sums: Array) -> tuple[Array, Array, Array]:
-    """Return what `PatchAverage.planes` does from the sums at each vertex, (V, 10)."""
+    """Return what `PatchAverage.planes` does from the sums at each vertex, (V, 11)."""
     weight = sums[:, 9]
     mean = sums[:, :9] / np.where(weight > 0, weight, 1.0)[:, None]
     matrices = np.empty((len(sums), 3, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array, Booleans
-from ..mesh.normals import normals_around, unit
+from ..mesh.normals import normals_and_areas, normals_around, unit
 from .surface import Surface
 
 LARGEST_MOVE = 3.5
@@ -14,12 +14,18 @@ LARGEST_MOVE = 3.5
 WILD_MOVE = 12.0
 """... unless there are more wild vertices, off by more than that, than Gaussian noise has."""
 
+LEAST_VARIANCE = 1e-8
+"""Of the squared longest move: patches never agree better than that about where they are."""
+
 _WILD_SHARE = 0.004  # of the vertices; Gaussian noise has 0.0005, and 0.002 where its level is told 12 % too low
 _FEWEST_WILD = 6
 
 _ALONG = 1e-3
 _ACROSS = 0.15  # resistance to sliding along the surface; the planes of a crease of 60 degrees weigh 0.25
 _FILLING_STEPS = 10
+_SETTLING_STEPS = 20
+_LEANING = 0.16  # as patches bear of a triangle's normal
+_TRIANGLES_AROUND = 6  # a vertex: the same patches tell how they lean, so that together they count as one
 
 
 def move_to_planes(
@@ -116,6 +122,63 @@ def follow_normals(
         step = (total / count[:, None])[loose]
         result[loose] = vertices[loose] + limited(result[loose] + step - vertices[loose], limit)
     return result
+
+
+def settle(
+    vertices: Array,
+    moved: Array,
+    directions: Array,
+    stiffness: Array,
+    surface: Surface,
+    leaning: tuple[Array, Array],
+    limit: float,
+) -> Array:
+    """Move vertices along their normals until the triangles between them lean as the patches say.
+
+    Each vertex lies on the mean of its own patches, which differs a little from that of its neighbours' patches; the
+    mean of the patches' slopes is free of these differences.  Minimises the squared changes of the vertices' heights
+    and the squared distances of the triangles' corners from planes of the known normals, each over the variance that
+    the patches show.  Where a triangle leans otherwise by far, patches of two sides of a crease are mixed in its
+    normal, and it loses its weight (Welsch).  Nothing slides along the surface: creases would follow wrong normals.
+
+    Parameters
+    ----------
+    vertices, moved
+        Positions before, and on their planes, (V, 3).
+    directions
+        Unit normals at the vertices, (V, 3).
+    stiffness
+        One over the variance of each vertex's height, (V,); infinite where it stays.
+    surface
+        The mesh.
+    leaning
+        The patches' normals of the triangles, (T, 3), and their variances along a tangent, (T,).
+    limit
+        Longest move.
+    """
+    triangles, (normals, variances) = surface.triangles, leaning
+    corners = moved[triangles]
+    heights = np.einsum("tc,tkc->tk", normals, corners)
+    across = np.einsum("tc,tkc->tk", normals, directions[triangles])
+    extents = ((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2)) / 3
+    actual, _ = normals_and_areas(moved, triangles)
+    trust = np.exp(((actual - normals) ** 2).sum(axis=1) / (-2 * _LEANING**2))
+    trust /= np.maximum(variances * extents, LEAST_VARIANCE * limit**2) * _TRIANGLES_AROUND
+
+    def at_vertices(values: Array) -> Array:
+        """Return the sum of the corners' values, (T, 3), around each vertex."""
+        total = np.zeros(len(vertices))
+        for corner in range(3):
+            total += np.bincount(triangles[:, corner], values[:, corner], len(vertices))
+        return total
+
+    held = np.maximum(stiffness + at_vertices(trust[:, None] * across**2), 1e-300)
+    change = np.zeros(len(vertices))
+    for _ in range(_SETTLING_STEPS):
+        planes = (heights + across * change[triangles]).mean(axis=1, keepdims=True)
+        change = at_vertices(trust[:, None] * across * (planes - heights)) / held
+    settled = vertices + limited(moved + change[:, None] * directions - vertices, limit)
+    return np.where((change == 0.0)[:, None], moved, settled)
 
 
 def update_directions(normals: Array, areas: Array, surface: Surface, vertex_count: int) -> Array:

@@ -23,7 +23,7 @@ from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.triangle_repair import folded_share, repair_triangles
-from sparse_surface.solver.denoising.vertex_update import fill_in, has_wild_vertices, move_to_planes
+from sparse_surface.solver.denoising.vertex_update import fill_in, has_wild_vertices, move_to_planes, settle
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from threadpoolctl import threadpool_limits
 
@@ -678,6 +678,18 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
     average.add(fits)
     normals, matrices, targets = np.zeros((450, 3)), np.zeros((256, 3, 3)), np.zeros((256, 3))
     total, coverage = np.zeros(256), np.zeros(450, dtype=np.int64)
+    weights, squares = np.zeros(450), np.zeros(256)
+
+    def height(patch: int, uv: Array) -> float:
+        u, v = uv
+        return float(fits.coefficients[patch] @ np.array([1.0, u, v, u * u, u * v, v * v]))
+
+    def through_corners(patch: int, place: int) -> Array:
+        """Unit normal in space of the plane through three points of the quadratic."""
+        corners = fits.at_triangle[patch, :, place, None] + fits.corners[patch, :, :, place]
+        a, b, c = (np.append(fits.lengths[patch] * corner, height(patch, corner)) for corner in corners.T)
+        normal = np.cross(b - a, c - a)
+        return fits.frames[patch] @ normal * np.sign(normal[2]) / np.linalg.norm(normal)
 
     def at(patch: int, uv: Array) -> tuple[Array, float]:
         """Unit normal of a patch in space, and one over the variance of its height."""
@@ -692,8 +704,9 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
         for place, triangle in enumerate(fits.triangles[patch]):
             weight = fits.triangle_weights[patch, place]
             if weight > 0.0:
-                normal, precision = at(patch, fits.at_triangle[patch, :, place])
-                normals[triangle] += weight * trust * precision * normal
+                _, precision = at(patch, fits.at_triangle[patch, :, place])
+                normals[triangle] += weight * trust * precision * through_corners(patch, place)
+                weights[triangle] += weight * trust * precision
                 coverage[triangle] += weight > 0.5
         for place, vertex in enumerate(fits.vertices[patch]):
             weight = fits.vertex_weights[patch, place]
@@ -704,6 +717,7 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
                 matrices[vertex] += weight * trust * precision * np.outer(normal, normal)
                 targets[vertex] += weight * trust * precision * offset * normal
                 total[vertex] += weight * trust * precision
+                squares[vertex] += weight * trust * precision * offset**2
     length = np.linalg.norm(normals, axis=1)
     guide = np.tile([0.0, 0.0, 1.0], (450, 1))
     expected = np.where(length[:, None] > 0.0, normals / np.maximum(length, 1e-300)[:, None], guide)
@@ -714,6 +728,19 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
     np.testing.assert_allclose(found[0], matrices / some[:, None, None], atol=1e-12)
     np.testing.assert_allclose(found[1], targets / some[:, None], atol=1e-12)
     np.testing.assert_allclose(found[2], total, rtol=1e-12)
+    agreeing = length / np.where(weights > 0.0, weights, 1.0)
+    np.testing.assert_allclose(average.normal_variances(), (1.0 - agreeing**2) / 2.0, atol=1e-12)
+    moves = np.random.default_rng(3).normal(0.0, 0.01, (256, 3))
+    directions = np.tile([0.0, 0.6, 0.8], (256, 1))
+    # mean of (n . x - d)^2, multiplied out
+    variance = squares / some + np.array(
+        [x @ a @ x - 2.0 * x @ b for x, a, b in zip(moves, found[0], found[1], strict=True)]
+    )
+    stiffness = np.array([d @ a @ d for d, a in zip(directions, found[0], strict=True)]) / np.maximum(variance, 1e-9)
+    assert (variance[total > 0.0] > 1e-9).any()
+    np.testing.assert_allclose(
+        average.stiffness(moves, directions, 1e-9), np.where(total > 0.0, stiffness, np.inf), rtol=1e-6
+    )
 
 
 def test_a_patch_ends_where_a_slow_bend_leads_too_far() -> None:
@@ -799,6 +826,59 @@ def test_vertices_move_to_where_their_planes_meet() -> None:
     np.testing.assert_array_equal(moved[3], 0.0)
     limited = move_to_planes(np.zeros((4, 3)), (matrices, 100 * targets, np.array([1.0, 1, 1, 0])), directions, 0.01)
     assert np.linalg.norm(limited, axis=1).max() == pytest.approx(0.035)
+
+
+def test_no_patch_begins_where_a_crowd_lies_by_then() -> None:
+    """Seeds come in order, a few at a time; what is covered in between is left out; someone in a hurry needs one."""
+    fits, _ = fits_of_a_bent_sheet()
+    fits = replace(fits, sound=np.array([True, False, False]))
+    covered = np.unique(fits.triangles[0][fits.triangle_weights[0] > 0.5])
+    seeds = np.random.default_rng(2).permutation(450)
+    average = PatchAverage(450, 256, misfit_power=1.0)
+    first, *_ = average.uncrowded(seeds, 2, 100)
+    assert first[0] == 0.0
+    np.testing.assert_array_equal(first[1], seeds[:100])
+    taken = []
+    for number, (share, some) in enumerate(average.uncrowded(seeds, 2, 100)):
+        assert len(some) <= 100
+        assert 0.0 <= share < 1.0
+        taken.append(some)
+        if number < 2:
+            average.add(fits)
+    after = np.concatenate(taken[2:])
+    np.testing.assert_array_equal(np.concatenate(taken[:2]), seeds[:200])
+    np.testing.assert_array_equal(after, seeds[200:][~np.isin(seeds[200:], covered)])
+    assert 0 < len(after) < 250
+    average.hurried = True
+    assert not list(average.uncrowded(covered, 3, 100))
+
+
+def test_vertices_settle_where_heights_and_slopes_together_are_likeliest() -> None:
+    """Against the normal equations of the least squares, written row by row; vertices that are held stay."""
+    vertices, faces = bumpy_plane(7, 0.05, 5)
+    surface = build_surface(build_mesh(vertices, faces))
+    rng = np.random.default_rng(8)
+    count, triangles = len(vertices), surface.triangles
+    directions = np.tile([0.0, 0.0, 1.0], (count, 1)) + rng.normal(0.0, 0.05, (count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    normals = face_normals(vertices, triangles) + rng.normal(0.0, 0.02, triangles.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    variances = rng.uniform(1e-4, 1e-3, len(triangles))
+    stiffness = rng.uniform(2e3, 2e4, count)
+    stiffness[24] = np.inf
+    found = settle(vertices, vertices, directions, stiffness, surface, (normals, variances), 1.0)
+    np.testing.assert_array_equal(found[24], vertices[24])
+    rows, targets = [np.diag(np.sqrt(np.minimum(stiffness, 1e12)))], [np.zeros(count)]
+    actual = face_normals(vertices, triangles)
+    for corners, normal, facing, variance in zip(triangles, normals, actual, variances, strict=True):
+        ways = vertices[corners] - vertices[corners].mean(axis=0)
+        trust = np.exp(-((facing - normal) ** 2).sum() / (2 * 0.16**2)) / (variance * (ways**2).sum() / 3)
+        along = np.zeros((3, count))
+        along[range(3), corners] = directions[corners] @ normal
+        rows.append(np.sqrt(trust / 6.0) * (along - along.mean(axis=0)))
+        targets.append(-np.sqrt(trust / 6.0) * (ways @ normal))
+    change = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=None)[0]
+    np.testing.assert_allclose(found - vertices, change[:, None] * directions, atol=1e-2 * np.abs(change).max())
 
 
 def test_repair_keeps_vertices_on_their_edge_and_borders_in_place() -> None:
