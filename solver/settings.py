@@ -1,7 +1,7 @@
 """The settings of a run: frozen dataclasses, from which panel and command line take defaults, ranges and texts."""
 
 from collections.abc import Mapping
-from dataclasses import Field, asdict, dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from importlib.util import find_spec
 from typing import Any, ClassVar, Self
 
@@ -74,7 +74,7 @@ class _Checked:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the settings as plain values, in the order of the fields."""
-        return asdict(self)
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 @dataclass(frozen=True, eq=False, repr=False, match_args=False)
@@ -247,14 +247,15 @@ class Settings(_Checked):
             cannot have them.
         """
         defaults: Mapping[str, Any] = METHODS[self.method].defaults
-        found = replace(self, **{name: value for name, value in defaults.items() if getattr(self, name) == AUTOMATIC})
-        if found.method != "default" or found.blending != "partition":
-            if found.creases == "marked":
+        changes = {name: value for name, value in defaults.items() if getattr(self, name) == AUTOMATIC}
+        found = {**self.as_dict(), **changes}
+        if self.method != "default" or found["blending"] != "partition":
+            if found["creases"] == "marked":
                 raise SettingsError("Marked creases need the default method and blending by a partition of unity.")
-            found = replace(found, creases="off")
-        if found.pursuit == "sklearn" and find_spec("sklearn") is None:
+            changes["creases"] = "off"
+        if found["pursuit"] == "sklearn" and find_spec("sklearn") is None:
             raise SettingsError("The pursuit 'sklearn' needs scikit-learn, which is not installed.")
-        return found
+        return replace(self, **changes)
 
     @classmethod
     def given(cls, settings: Self | None) -> Self:

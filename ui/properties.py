@@ -1,6 +1,7 @@
 """The settings of a scene: the solver's, made from its own list, and those that only Blender needs."""
 
 import dataclasses
+from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -248,7 +249,7 @@ class SparseSurfaceSettings(PropertyGroup):
 
     def to_settings(self) -> Settings:
         """Return the solver's settings."""
-        return Settings(**{name: plain_value(getattr(self, name)) for name in SOLVER_NAMES})
+        return _settings_of(*(plain_value(getattr(self, name)) for name in SOLVER_NAMES))
 
     def take_settings(self, settings: Settings) -> None:
         """Set every property of the solver's to that of `settings`."""
@@ -264,6 +265,12 @@ class SparseSurfaceSettings(PropertyGroup):
             When there is no such preset.
         """
         self.take_settings(Settings.from_dict(preset_values(name)))
+
+
+@lru_cache(maxsize=16)
+def _settings_of(*values: Any) -> Settings:
+    """Return the settings with these values; they are checked once, though the panel asks at every redraw."""
+    return Settings(**dict(zip(SOLVER_NAMES, values, strict=True)))
 
 
 def shown_as_optional(group: type[PropertyGroup], item: dataclasses.Field, start: float) -> None:

@@ -52,7 +52,7 @@ def matching_preset(settings: Settings) -> str:
 
     What runs them does not count, nor, if no preset has it, does the tolerance: that belongs to the mesh at hand.
     """
-    wanted, defaults = settings.as_dict(), Settings().as_dict()
+    wanted, defaults = settings.as_dict(), {item.name: item.default for item in fields(Settings)}
     offered = {name: {**defaults, **preset_values(name)} for name in preset_names()}
     for ignored in ({"workers", "solver"}, {"workers", "solver", "tolerance"}):
         for name, values in offered.items():
