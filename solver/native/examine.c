@@ -15,6 +15,7 @@ static void copy_rows(double *out, const double *rows, int count, int size, int 
 static void examine(const Placed *placed, State *state, const Settings *settings, const Examination *out) {
     int stride = padded(placed->size), m = placed->padded_vertices;
     Weights weights = {settings->beta1, settings->beta2};
+    prepare_choice(placed, &state->choice); /* a warm start holds its functions, and goes without */
     normal_equations(placed, &state->choice, state->domain, state->observed);
     copy_rows(out->gram, state->choice.gram, placed->size, placed->size, stride);
     copy_rows(out->correlation, state->choice.correlation, placed->signals, placed->size, stride);

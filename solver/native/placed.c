@@ -145,13 +145,18 @@ static Status place(const Problem *problem, Placed *placed) {
     return find_pairs(placed);
 }
 
+/* What the Gram matrix of all functions is made with. */
+static void prepare_choice(const Placed *placed, Choice *choice) {
+    product_coefficients(choice->products, placed->degree, placed->legendre);
+    turn_products(choice->products, choice->product_rows, placed->degree);
+}
+
 /* Where the solver starts: the initial domain, or an earlier solution. */
 static Status start_from(const Problem *problem, const Placed *placed, State *state) {
     int m = placed->padded_vertices;
     memcpy(state->domain, placed->start, sizeof(double) * 2 * (size_t)m);
     if (!problem->warm) {
-        product_coefficients(state->choice.products, placed->degree, placed->legendre);
-        turn_products(state->choice.products, state->choice.product_rows, placed->degree);
+        prepare_choice(placed, &state->choice);
         return DONE;
     }
     for (int v = 0; v < placed->vertices; v++) {
