@@ -29,7 +29,7 @@ from .preview import Preview
 from .seeds import scattered
 from .surface import Surface, build_surface
 from .triangle_repair import repair_triangles
-from .vertex_update import LEAST_VARIANCE, fill_in, move_wild_ones_far, settle, update_directions
+from .vertex_update import LEAST_VARIANCE, fill_in, keep_shape, move_wild_ones_far, settle, update_directions
 
 CLEAN = 0.03
 """Relief below this share of the mean edge length counts as the mesh's own and stays ..."""
@@ -352,7 +352,8 @@ def _moved(
     moved, limit = move_wild_ones_far(noisy, planes, directions, noise.level, noise.known)
     moved = fill_in(noisy, moved, weight > 0, surface, normals, limit)
     stiffness = average.stiffness(moved - noisy, directions, LEAST_VARIANCE * limit**2)
-    moved = settle(noisy, moved, directions, stiffness, surface, (normals, average.normal_variances()), limit)
+    leaning = keep_shape(moved, surface, (normals, average.normal_variances()))
+    moved = settle(noisy, moved, directions, stiffness, surface, leaning, limit)
     if noise.sideways:
         moved = repair_triangles(noisy, moved, matrices, weight > 0, surface, normals, limit)
     return moved

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Booleans
+from ..arrays import Array, Booleans, Indices
 from ..mesh.normals import normals_and_areas, normals_around, unit
 from .surface import Surface
 
@@ -25,6 +25,7 @@ _ACROSS = 0.15  # resistance to sliding along the surface; the planes of a creas
 _FILLING_STEPS = 10
 _SETTLING_STEPS = 20
 _LEANING = 0.16  # as patches bear of a triangle's normal
+_SHAPE_ROUNDS = 2  # of means over the triangles around: how far what patches level out reaches
 _TRIANGLES_AROUND = 6  # a vertex: the same patches tell how they lean, so that together they count as one
 
 
@@ -161,8 +162,7 @@ def settle(
     heights = np.einsum("tc,tkc->tk", normals, corners)
     across = np.einsum("tc,tkc->tk", normals, directions[triangles])
     extents = ((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2)) / 3
-    actual, _ = normals_and_areas(moved, triangles)
-    trust = np.exp(((actual - normals) ** 2).sum(axis=1) / (-2 * _LEANING**2))
+    trust = _likeness(normals_and_areas(moved, triangles)[0], normals)
     trust /= np.maximum(variances * extents, LEAST_VARIANCE * limit**2) * _TRIANGLES_AROUND
 
     def at_vertices(values: Array) -> Array:
@@ -179,6 +179,48 @@ def settle(
         change = at_vertices(trust[:, None] * across * (planes - heights)) / held
     settled = vertices + limited(moved + change[:, None] * directions - vertices, limit)
     return np.where((change == 0.0)[:, None], moved, settled)
+
+
+def keep_shape(moved: Array, surface: Surface, leaning: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return how triangles shall lean, (T, 3), as patches say it but for what they level out, and variances, (T,).
+
+    Patches level out what is smaller than they are: there all triangles around lean otherwise than the patches say, and
+    that is shape.  Only what changes from one triangle to the next comes from the heights of different patches.  The
+    square of what is kept counts as variance, since patches that miss shape are not exact elsewhere.
+
+    Parameters
+    ----------
+    moved
+        The vertices, (V, 3).
+    surface
+        The mesh.
+    leaning
+        The patches' normals of the triangles, (T, 3), and their variances along a tangent, (T,).
+    """
+    normals, variances = leaning
+    actual, areas = normals_and_areas(moved, surface.triangles)
+    weights, kept = areas * _likeness(actual, normals), actual - normals
+    for _ in range(_SHAPE_ROUNDS):
+        kept = _mean_around(kept, weights, surface.triangles, len(moved))
+    return unit(normals + kept), variances + (kept**2).sum(axis=1) / 2
+
+
+def _likeness(actual: Array, normals: Array) -> Array:
+    """Return the weights of triangles with these normals, (T,) (Welsch): little where they lean otherwise by far."""
+    likeness: Array = np.exp(((actual - normals) ** 2).sum(axis=1) / (-2 * _LEANING**2))
+    return likeness
+
+
+def _mean_around(values: Array, weights: Array, triangles: Indices, vertex_count: int) -> Array:
+    """Return the mean of the values (T, 3) of the triangles around the corners of each."""
+    rows = np.column_stack((values * weights[:, None], weights))
+    total = np.zeros((vertex_count, rows.shape[1]))
+    for corner in range(3):
+        for column, row in zip(total.T, rows.T, strict=True):
+            column += np.bincount(triangles[:, corner], row, vertex_count)
+    means = total[:, :3] / np.maximum(total[:, 3], 1e-300)[:, None]
+    around: Array = means[triangles].mean(axis=1)
+    return around
 
 
 def update_directions(normals: Array, areas: Array, surface: Surface, vertex_count: int) -> Array:

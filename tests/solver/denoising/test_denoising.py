@@ -23,7 +23,13 @@ from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.denoising.triangle_repair import folded_share, repair_triangles
-from sparse_surface.solver.denoising.vertex_update import fill_in, has_wild_vertices, move_to_planes, settle
+from sparse_surface.solver.denoising.vertex_update import (
+    fill_in,
+    has_wild_vertices,
+    keep_shape,
+    move_to_planes,
+    settle,
+)
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from threadpoolctl import threadpool_limits
 
@@ -879,6 +885,33 @@ def test_vertices_settle_where_heights_and_slopes_together_are_likeliest() -> No
         targets.append(-np.sqrt(trust / 6.0) * (ways @ normal))
     change = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=None)[0]
     np.testing.assert_allclose(found - vertices, change[:, None] * directions, atol=1e-2 * np.abs(change).max())
+
+
+def test_what_patches_level_out_over_several_triangles_is_kept() -> None:
+    """Against loops over the triangles around each corner; what is the same all around is kept, what changes is not."""
+    vertices, faces = bumpy_plane(9, 0.05, 6)
+    surface = build_surface(build_mesh(vertices, faces))
+    triangles, actual = surface.triangles, face_normals(vertices, surface.triangles)
+    rng = np.random.default_rng(3)
+    normals = actual + rng.normal(0.0, 0.05, triangles.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    variances = rng.uniform(1e-4, 1e-3, len(triangles))
+    found, larger = keep_shape(vertices, surface, (normals, variances))
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    weights = areas * np.exp(-((actual - normals) ** 2).sum(axis=1) / (2 * 0.16**2))
+    kept = actual - normals
+    for _ in range(2):
+        around = [np.flatnonzero((triangles == vertex).any(axis=1)) for vertex in range(len(vertices))]
+        at = np.array([np.average(kept[own], axis=0, weights=weights[own]) for own in around])
+        kept = np.array([at[corners].mean(axis=0) for corners in triangles])
+    expected = normals + kept
+    np.testing.assert_allclose(found, expected / np.linalg.norm(expected, axis=1, keepdims=True), atol=1e-12)
+    np.testing.assert_allclose(larger, variances + (kept**2).sum(axis=1) / 2, atol=1e-15)
+    tilted = actual + np.array([0.06, 0.0, 0.0])
+    tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
+    alike, _ = keep_shape(vertices, surface, (tilted, variances))
+    assert np.abs(alike - actual).max() < 0.1 * np.abs(tilted - actual).max()
 
 
 def test_repair_keeps_vertices_on_their_edge_and_borders_in_place() -> None:
