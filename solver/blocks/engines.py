@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
@@ -100,7 +101,10 @@ class Engine:
 
     def _submitted(self, task: BlockTask) -> Future[bytes]:
         assert self.executor is not None
-        future: Future[bytes] = _guarded(self.executor.submit, solve_block, task)
+        with warnings.catch_warnings():
+            # Dask advises to load data on the workers, for every block; ours comes from no place that they can read.
+            warnings.filterwarnings("ignore", "Sending large graph")
+            future: Future[bytes] = _guarded(self.executor.submit, solve_block, task)
         return future
 
     def _done(

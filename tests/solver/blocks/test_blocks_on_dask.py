@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from sparse_surface.solver import Settings, WorkerError, approximate_blocks
 from sparse_surface.solver.blocks import engines
 from sparse_surface.solver.progress import Progress
 
+dask = pytest.importorskip("dask", reason="Dask is not installed")
 distributed = pytest.importorskip("distributed", reason="Dask is not installed")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 
@@ -66,6 +68,19 @@ def test_blocks_of_a_machine_that_is_stuck_are_solved_elsewhere(terrain, expecte
             os.kill(victim, signal.SIGCONT)
         assert stopped
         assert found.vertices.tobytes() == expected
+
+
+@pytest.mark.filterwarnings("error:Sending large graph")
+def test_dask_gives_no_advice_about_large_graphs(terrain, expected, dask_warns_early: None) -> None:
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "host": "127.0.0.1"}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        assert approximate_blocks(*terrain, FAST, block_size=500, executor=client).vertices.tobytes() == expected
+
+
+@pytest.fixture
+def dask_warns_early() -> Iterator[None]:
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1kiB"}):
+        yield
 
 
 def history(dask_scheduler) -> list[str]:
