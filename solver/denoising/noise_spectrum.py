@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.sparse import csr_array
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, slices_of
 from ..mesh.normals import unit
 from ..mesh.quadrics import quadric_terms
 from ..mesh.triangle_mesh import TriangleMesh
@@ -28,6 +28,7 @@ LENGTHS = (0.0, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)
 
 _DISKS = 400
 _FEWEST_DISKS = 50
+_DISKS_AT_ONCE = 50  # so that what is computed of them stays in the second cache
 _TERMS = 6
 _UNLIKE_WHITE = 0.25  # relative misfit of independent noise and shape to the spectrum; up to 0.2 by chance
 _EXPLAINED = 0.15  # of that misfit may remain with correlated noise
@@ -110,25 +111,34 @@ def measured_spectrum(mesh: TriangleMesh, normals: Array) -> Array | None:
 
 def _residuals(disks: csr_array, seeds: Indices, positions: Array, normals: Array) -> Array:
     """Return the mean squared distances of the disks' vertices from quadratics, by degree of freedom, (P,)."""
-    counts = np.diff(disks.indptr)
-    row = np.repeat(np.arange(len(seeds)), counts)
-    upright = normals[seeds]
+    residuals = np.empty(len(seeds))
+    for part in slices_of(len(seeds), _DISKS_AT_ONCE):
+        offsets = disks.indptr[part.start : min(part.stop, len(seeds)) + 1]
+        counts, members = np.diff(offsets), positions[disks.indices[offsets[0] : offsets[-1]]]
+        residuals[part] = _residuals_of(members, counts, positions[seeds[part]], normals[seeds[part]])
+    return residuals
+
+
+def _residuals_of(members: Array, counts: Indices, centres: Array, upright: Array) -> Array:
+    """Return `_residuals` of disks whose vertices, `counts` of each, stand one after the other, (N, 3)."""
     first = unit(np.cross(upright, np.eye(3)[np.abs(upright).argmin(axis=1)]))
-    frames = np.stack((first, np.cross(upright, first), upright), axis=1)
-    local = np.einsum("nij,nj->ni", frames[row], positions[disks.indices] - positions[seeds][row])
-    scale = np.sqrt(np.bincount(row, (local[:, :2] ** 2).sum(axis=1)) / counts)
-    scale = np.where(scale > 0, scale, 1.0)
-    u, v, height = (local / scale[row, None]).T
-    terms = np.asarray(quadric_terms(u, v, axis=1))
-    columns = np.zeros((len(seeds), int(counts.max()), _TERMS + 1))
-    columns[row, np.arange(len(row)) - disks.indptr[row]] = np.column_stack([terms, height])
-    sums = columns.transpose(0, 2, 1) @ columns
+    frames = np.stack((first, np.cross(upright, first), upright), axis=2)
+    inside = np.arange(int(counts.max())) < counts[:, None]
+    local = np.zeros((*inside.shape, 3))
+    local[inside] = members - np.repeat(centres, counts, axis=0)
+    u, v, height = np.ascontiguousarray((local @ frames).transpose(2, 0, 1))
+    scale = np.sqrt((u**2 + v**2).sum(axis=1) / counts)
+    scale = np.where(scale > 0, scale, 1.0)[:, None]
+    columns = np.empty((len(counts), _TERMS + 1, inside.shape[1]))
+    columns[:, :_TERMS] = quadric_terms(u / scale, v / scale, axis=1)
+    columns[:, 0], columns[:, _TERMS] = inside, height / scale
+    sums = columns @ columns.transpose(0, 2, 1)
     gram = sums[:, :_TERMS, :_TERMS] + 1e-9 * counts[:, None, None] * np.eye(_TERMS)
     targets = sums[:, :_TERMS, _TERMS]
     coefficients = np.linalg.solve(gram, targets[..., None])[..., 0]
     squared = np.maximum(sums[:, _TERMS, _TERMS] - (coefficients * targets).sum(axis=1), 0.0)
     slope = 1 + coefficients[:, 1] ** 2 + coefficients[:, 2] ** 2
-    residuals: Array = squared * scale**2 / (np.maximum(counts - _TERMS, 1) * slope)
+    residuals: Array = squared * scale[:, 0] ** 2 / (np.maximum(counts - _TERMS, 1) * slope)
     return residuals
 
 

@@ -125,9 +125,9 @@ class Fits:
     misfit: Array
     sound: Booleans
 
-    def select(self, which: Booleans) -> Fits:
-        """Return some of the patches."""
-        if which.all():
+    def select(self, which: Indices) -> Fits:
+        """Return some of the patches, by their numbers in ascending order."""
+        if len(which) == len(self):
             return self
         return Fits(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
@@ -151,6 +151,22 @@ class Fits:
     def _in_space(self, normals: Array) -> Array:
         turned: Array = normals.transpose(0, 2, 1) @ self.frames.transpose(0, 2, 1)
         return turned
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    """Some of the patches of a fit; what belongs to all their vertices is copied only where it is asked for."""
+
+    fits: Fits
+    which: Indices
+
+    def which_are(self, chosen: Booleans) -> _Accepted:
+        """Return some of these, (P,)."""
+        return _Accepted(self.fits, self.which[chosen])
+
+    def copied(self) -> Fits:
+        """Return these patches alone."""
+        return self.fits.select(self.which)
 
 
 class PatchFitter:
@@ -187,47 +203,48 @@ class PatchFitter:
             self._neighbours, self._guide, seeds, rule.least_cosine_from_seed, self._triangle_claims
         )
         active = np.ones(len(seeds), dtype=bool)
-        accepted: list[Fits] = []
+        frames = _frames(self._guide[seeds])
+        accepted: list[_Accepted] = []
         before = growing.sizes.copy()
         for limit in rule.sizes:
             growing.grow(limit, active)
-            larger = self._fit(seeds, active, growing)
+            fits = self._fit(seeds[active], frames[active], active, growing)
+            larger, better = _Accepted(fits, np.arange(len(fits))), np.ones(len(fits), dtype=bool)
             if accepted:
-                better = self._agrees(larger, accepted) & (growing.sizes > before)[active]
-                yield accepted[-1].select(~better)
-                accepted = [smaller.select(better) for smaller in accepted]
-                larger = larger.select(better)
+                better = self._agrees(fits, accepted) & (growing.sizes > before)[active]
+                yield accepted[-1].which_are(~better).copied()
+                accepted = [smaller.which_are(better) for smaller in accepted]
                 active[active] = better
-            accepted.append(larger)
+            accepted.append(larger.which_are(better))
             before = growing.sizes.copy()
             if not active.any():
                 break
-        yield accepted[-1]
+        yield accepted[-1].copied()
         self._triangle_claims.clear()
 
-    def _agrees(self, larger: Fits, accepted: list[Fits]) -> Booleans:
+    def _agrees(self, larger: Fits, accepted: list[_Accepted]) -> Booleans:
         """Return whether a larger fit moves none of the surfaces of its smaller ones by more than noise may, (P,)."""
         agrees = np.ones(len(larger), dtype=bool)
         largest = self._rule.largest_change * self._rule.caution ** len(accepted)
         for steps, smaller in enumerate(reversed(accepted), start=1):
-            change = larger.coefficients - smaller.coefficients
-            moved = np.einsum("pi,pij,pj->p", change, smaller.gram, change) / self._noise_level**2
+            fits, which = smaller.fits, smaller.which
+            change = larger.coefficients - fits.coefficients[which]
+            moved = np.einsum("pi,pij,pj->p", change, fits.gram[which], change) / self._noise_level**2
             # Of the smaller fit's variance the larger one, 2^steps times its size, keeps the part 1 / 2^steps.
             allowed = largest * 2 * (1 - 0.5**steps)
-            agrees &= (moved < allowed) | ~smaller.sound
+            agrees &= (moved < allowed) | ~fits.sound[which]
         return agrees
 
-    def _fit(self, seeds: Indices, active: Booleans, growing: GrowingPatches) -> Fits:
+    def _fit(self, seeds: Indices, frames: Array, active: Booleans, growing: GrowingPatches) -> Fits:
         """Fit the active patches as they have grown: weights from the guide first, then from the fit itself."""
         rows, members = growing.members(active)
-        rows, seeds = (np.cumsum(active) - 1)[rows], seeds[active]
-        triangles, columns = _padded(rows, members, len(seeds))
+        rows = (np.cumsum(active) - 1)[rows]
+        triangles, _ = _padded(rows, members, len(seeds))
         vertices, corner_places = self._vertices_of(rows, members, len(seeds))
-        frames, lengths = _frames(self._guide[seeds]), self._unit_length[seeds]
+        lengths = self._unit_length[seeds]
         at_vertex, heights = self._local(vertices, self._vertices, seeds, frames)
-        corners = np.zeros((len(seeds), 2, 3, triangles.shape[1]))
-        for axis in range(2):
-            corners[rows, axis, :, columns] = at_vertex[:, axis].ravel()[corner_places].reshape(-1, 3)
+        present = triangles >= 0
+        corners = _at_corners(at_vertex, corner_places, present)
         at_triangle = corners.mean(axis=2)
         guide = (self._guide[triangles] @ frames).transpose(0, 2, 1)
         terms = _terms(at_vertex)
@@ -235,7 +252,7 @@ class PatchFitter:
 
         def weights(triangle_weights: Array, vertex_weights: Array) -> Array:
             """A vertex counts as much as the triangles around it, and as itself."""
-            each = np.repeat(triangle_weights[rows, columns], 3)
+            each = np.repeat(triangle_weights[present], 3)
             pooled = np.bincount(corner_places, each, vertices.size).reshape(vertices.shape)
             return vertex_weights * pooled / np.maximum(pooled.max(axis=1, keepdims=True), 1e-300)
 
@@ -258,7 +275,7 @@ class PatchFitter:
             at_triangle=at_triangle,
             at_vertex=at_vertex,
             corners=corners - at_triangle[:, :, None],
-            triangle_weights=likeness(coefficients) * (triangles >= 0),
+            triangle_weights=likeness(coefficients) * present,
             vertex_weights=final,
             residuals=residuals,
             misfit=misfit,
@@ -269,11 +286,11 @@ class PatchFitter:
         """Return the patches' vertices, padded (P, L), and where in it (flattened) each triangle corner stands."""
         corner_rows = np.repeat(rows, 3)
         corners = self._triangles[triangles].ravel()
-        one = self._vertex_claims.claim(corner_rows, corners)
-        one = one[np.argsort(corner_rows[one], kind="stable")]
+        places = self._vertex_claims.places(corner_rows, corners)
+        one = self._vertex_claims.claim(places)
         vertices, slots = _padded(corner_rows[one], corners[one], count)
-        self._vertex_claims.number(corner_rows[one], corners[one], slots)
-        corner_slots = corner_rows * vertices.shape[1] + self._vertex_claims.numbers(corner_rows, corners)
+        self._vertex_claims.number(places[one], slots)
+        corner_slots = corner_rows * vertices.shape[1] + self._vertex_claims.numbers(places)
         self._vertex_claims.clear()
         return vertices, corner_slots
 
@@ -287,6 +304,16 @@ class PatchFitter:
 def _terms(at: Array) -> Array:
     """Return the quadratic's terms at (u, v), (P, 2, N): (P, 6, N)."""
     return quadric_terms(at[:, 0], at[:, 1], axis=1)
+
+
+def _at_corners(at_vertex: Array, corner_places: Indices, present: Booleans) -> Array:
+    """Return (u, v) of the triangles' corners, (P, 2, 3, K), which stand at these places of the vertices; 0 if none."""
+    corners = np.zeros((len(present), 2, 3, present.shape[1]))
+    for corner in range(3):
+        places = corner_places[corner::3]
+        for axis in range(2):
+            corners[:, axis, corner][present] = at_vertex[:, axis].ravel()[places]
+    return corners
 
 
 def _padded(rows: Indices, members: Indices, count: int) -> tuple[Indices, Indices]:

@@ -17,7 +17,7 @@ _CERTAIN = 0.5  # weight from which a patch counts as covering a triangle
 
 
 class _Sums:
-    """Sums of rows of numbers that belong to `count` places, in the order in which they come."""
+    """Sums of numbers in rows, (columns, N), that belong to `count` places, in the order in which they come."""
 
     def __init__(self, count: int, columns: int) -> None:
         self._sums = np.zeros((count, columns))
@@ -53,9 +53,9 @@ class _Sums:
 
 def _add(sums: Array, places: list[Indices], rows: list[Array]) -> None:
     if places:
-        where, what = np.concatenate(places), np.concatenate(rows)
-        for column in range(what.shape[1]):
-            sums[:, column] += np.bincount(where, what[:, column], len(sums))
+        where = np.concatenate(places)
+        for column, what in enumerate(np.concatenate(rows, axis=1)):
+            sums[:, column] += np.bincount(where, what, len(sums))
 
 
 class PatchAverage:
@@ -108,24 +108,21 @@ class PatchAverage:
 
     def add(self, fits: Fits) -> None:
         """Add patches; those that are not sound are ignored."""
-        fits = fits.select(fits.sound)
+        fits = fits.select(np.flatnonzero(fits.sound))
         if not len(fits):
             return
         trust = np.maximum(fits.misfit, 1.0) ** -self._misfit_power
         at_triangle = fits.triangle_weights > 0
         weight = fits.triangle_weights * trust[:, None] / fits.spread(fits.at_triangle)
-        rows = _with_ones(fits.normals_of_triangles()[at_triangle]) * weight[at_triangle][:, None]
-        self._normals.add(fits.triangles[at_triangle], rows)
+        leaning = fits.normals_of_triangles()[at_triangle]
+        self._normals.add(fits.triangles[at_triangle], _rows(leaning, weight[at_triangle]))
         at_vertex = fits.vertex_weights > 0
         weight = (fits.vertex_weights * trust[:, None] / fits.spread(fits.at_vertex))[at_vertex]
         everywhere = fits.normals_at_vertices()
         # A residual is measured along the seed's normal; the way to the surface is shorter where that leans.
         upright = np.einsum("pnc,pc->pn", everywhere, fits.frames[:, :, 2])
         normals, offsets = everywhere[at_vertex], (-fits.residuals * upright)[at_vertex]
-        products = np.stack([normals[:, i] * normals[:, j] for i, j in _SYMMETRIC], axis=1)
-        targets, squares = normals * offsets[:, None], offsets[:, None] ** 2
-        rows = np.concatenate((products, _with_ones(targets), squares), axis=1) * weight[:, None]
-        self._planes.add(fits.vertices[at_vertex], rows)
+        self._planes.add(fits.vertices[at_vertex], _rows_of_planes(normals.T, offsets, weight))
         covers = fits.triangle_weights > _CERTAIN
         covered, sizes = fits.triangles[covers], covers.sum(axis=1)
         np.add.at(self._covers[:, 0], covered, 1)
@@ -178,8 +175,24 @@ class PatchAverage:
         return _mean_equations(sum((other._planes.so_far() for other in others), self._planes.so_far()))
 
 
-def _with_ones(rows: Array) -> Array:
-    return np.column_stack((rows, np.ones(len(rows))))
+def _rows(normals: Array, weights: Array) -> Array:
+    """Return weighted normals, (N, 3), and the weights, (4, N)."""
+    rows = np.empty((4, len(weights)))
+    np.multiply(normals.T, weights, out=rows[:3])
+    rows[3] = weights
+    return rows
+
+
+def _rows_of_planes(normals: Array, offsets: Array, weights: Array) -> Array:
+    """Return what is summed up of planes: n n^T, n d, 1 and d^2 of normals n, (3, N), and distances d, weighted."""
+    rows = np.empty((11, len(weights)))
+    for row, (i, j) in zip(rows[:6], _SYMMETRIC, strict=True):
+        np.multiply(normals[i], normals[j], out=row)
+    np.multiply(normals, offsets, out=rows[6:9])
+    rows[9] = 1.0
+    np.multiply(offsets, offsets, out=rows[10])
+    rows *= weights
+    return rows
 
 
 def _mean_equations(sums: Array) -> tuple[Array, Array, Array]:

@@ -19,36 +19,45 @@ def chunk_size(columns: int) -> int:
 
 
 class Claims:
-    """A table of which patch (row) has reached which triangle or vertex (column)."""
+    """A table of which patch (row) has reached which triangle or vertex (column), addressed by places."""
 
     def __init__(self, rows: int, columns: int) -> None:
-        self._holder = np.full((rows, columns), -1, dtype=np.int32)
-        self._taken: list[tuple[Indices, Indices]] = []
+        # One more column, which is never free: column -1, of no neighbour, comes out there, in the row before.
+        self._width = columns + 1
+        self._holder = np.full(rows * self._width, -1, dtype=np.int32)
+        self._holder[columns :: self._width] = 0
+        self._taken: list[Indices] = []
 
-    def free(self, rows: Indices, columns: Indices) -> Indices:
-        """Return which of the given places are free."""
-        return np.flatnonzero(self._holder[rows, columns] < 0)
+    def places(self, rows: Indices, columns: Indices, repeats: int = 1) -> Indices:
+        """Return the places of rows, each for so many columns; a column of -1 has a place that is never free."""
+        starts = rows * self._width
+        places: Indices = (starts if repeats == 1 else np.repeat(starts, repeats)) + columns
+        return places
 
-    def claim(self, rows: Indices, columns: Indices) -> Indices:
+    def free(self, places: Indices) -> Indices:
+        """Return which of the places are free."""
+        return (self._holder[places] < 0).nonzero()[0]
+
+    def claim(self, places: Indices) -> Indices:
         """Take places that are free, and return which of the given ones to keep: one for each place."""
-        number = np.arange(len(rows), dtype=np.int32)
-        self._holder[rows, columns] = number  # of several for one place the last remains
-        one = np.flatnonzero(self._holder[rows, columns] == number)
-        self._taken.append((rows[one], columns[one]))
+        number = np.arange(len(places), dtype=np.int32)
+        self._holder[places] = number  # of several for one place the last remains
+        one = (self._holder[places] == number).nonzero()[0]
+        self._taken.append(places[one])
         return one
 
-    def number(self, rows: Indices, columns: Indices, numbers: Indices) -> None:
+    def number(self, places: Indices, numbers: Indices) -> None:
         """Give taken places numbers."""
-        self._holder[rows, columns] = numbers
+        self._holder[places] = numbers
 
-    def numbers(self, rows: Indices, columns: Indices) -> Indices:
+    def numbers(self, places: Indices) -> Indices:
         """Return the numbers of places."""
-        return self._holder[rows, columns].astype(np.int64)
+        return self._holder[places].astype(np.int64)
 
     def clear(self) -> None:
         """Free every place."""
-        for rows, columns in self._taken:
-            self._holder[rows, columns] = -1
+        for places in self._taken:
+            self._holder[places] = -1
         self._taken = []
 
 
@@ -79,9 +88,9 @@ class GrowingPatches:
         self, neighbours: Indices, normals: Array, seeds: Indices, least_cosine: float, claims: Claims
     ) -> None:
         self._neighbours, self._normals, self._least_cosine, self._claims = neighbours, normals, least_cosine, claims
-        self._seeds = seeds
+        self._upright = normals[seeds]
         rows = np.arange(len(seeds))
-        claims.claim(rows, seeds)
+        claims.claim(claims.places(rows, seeds))
         self._members = [(rows, seeds)]
         self._outermost = (rows, seeds)
         self._waiting = (rows[:0], seeds[:0])  # the ring after the outermost, where it did not fit
@@ -121,15 +130,13 @@ class GrowingPatches:
         return rows[order], triangles[order]
 
     def _ring_after(self, rows: Indices, triangles: Indices) -> tuple[Indices, Indices]:
-        patch, triangle = np.repeat(rows, 3), self._neighbours[triangles].ravel()
-        there = np.flatnonzero(triangle >= 0)
-        patch, triangle = patch[there], triangle[there]
-        new = self._claims.free(patch, triangle)
-        patch, triangle = patch[new], triangle[new]
-        cosine = np.einsum("nc,nc->n", self._normals[self._seeds[patch]], self._normals[triangle])
-        like_seed = np.flatnonzero(cosine > self._least_cosine)
-        patch, triangle = patch[like_seed], triangle[like_seed]
-        one = self._claims.claim(patch, triangle)
+        triangle = self._neighbours[triangles].ravel()
+        place = self._claims.places(rows, triangle, repeats=3)
+        new = self._claims.free(place)
+        patch, triangle = rows[new // 3], triangle[new]
+        cosine = np.einsum("nc,nc->n", self._upright[patch], self._normals[triangle])
+        like_seed = (cosine > self._least_cosine).nonzero()[0]
+        one = like_seed[self._claims.claim(place[new[like_seed]])]
         return patch[one], triangle[one]
 
 

@@ -16,12 +16,23 @@ def local_normals(at: Array, coefficients: Array, lengths: Array, bends: Array |
     """
     u, v = at[:, 0], at[:, 1]
     c = coefficients[..., None]
-    slopes = np.stack((c[:, 1] + 2 * c[:, 3] * u + c[:, 4] * v, c[:, 2] + c[:, 4] * u + 2 * c[:, 5] * v))
-    if bends is not None:
-        slopes += bends.transpose(1, 0, 2)
-    slope_u, slope_v = slopes / lengths[:, None]
-    upward = 1 / np.sqrt(1 + slope_u**2 + slope_v**2)
-    return np.stack((-slope_u * upward, -slope_v * upward, upward), axis=1)
+    slope_u = c[:, 1] + 2 * c[:, 3] * u
+    slope_u += c[:, 4] * v
+    slope_v = c[:, 2] + c[:, 4] * u
+    slope_v += 2 * c[:, 5] * v
+    normals = np.empty((len(at), 3, at.shape[2]))
+    for axis, slope in enumerate((slope_u, slope_v)):
+        if bends is not None:
+            slope += bends[:, axis]
+        slope /= lengths[:, None]
+        np.multiply(slope, slope, out=normals[:, axis])
+    upward = normals[:, 2]
+    np.add(normals[:, 0], 1, out=upward)
+    upward += normals[:, 1]
+    np.divide(1, np.sqrt(upward, out=upward), out=upward)
+    for axis, slope in enumerate((slope_u, slope_v)):
+        np.multiply(np.negative(slope, out=slope), upward, out=normals[:, axis])
+    return normals
 
 
 def bends_of_triangles(corners: Array, coefficients: Array) -> Array:

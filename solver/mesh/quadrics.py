@@ -9,4 +9,9 @@ from ..arrays import Array
 
 def quadric_terms(u: Array, v: Array, axis: int) -> Array:
     """Return 1, u, v, u^2, u v, v^2 along a new `axis` of length 6."""
-    return np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=axis)
+    terms = np.empty((*u.shape[:axis], 6, *u.shape[axis:]))
+    one, of_u, of_v, uu, uv, vv = np.moveaxis(terms, axis, 0)
+    one[...], of_u[...], of_v[...] = 1.0, u, v
+    for square, (a, b) in ((uu, (u, u)), (uv, (u, v)), (vv, (v, v))):
+        np.multiply(a, b, out=square)
+    return terms
