@@ -205,17 +205,21 @@ class PatchFitter:
         active = np.ones(len(seeds), dtype=bool)
         frames = _frames(self._guide[seeds])
         accepted: list[_Accepted] = []
-        before = growing.sizes.copy()
+        before = np.zeros_like(growing.sizes)
         for limit in rule.sizes:
             growing.grow(limit, active)
-            fits = self._fit(seeds[active], frames[active], active, growing)
-            larger, better = _Accepted(fits, np.arange(len(fits))), np.ones(len(fits), dtype=bool)
+            grown = active & (growing.sizes > before)
+            if not grown.any():
+                break
+            fits = self._fit(seeds[grown], frames[grown], grown, growing)
+            fitted = better = grown[active]
             if accepted:
-                better = self._agrees(fits, accepted) & (growing.sizes > before)[active]
+                better = fitted.copy()
+                better[fitted] = self._agrees(fits, [smaller.which_are(fitted) for smaller in accepted])
                 yield accepted[-1].which_are(~better).copied()
                 accepted = [smaller.which_are(better) for smaller in accepted]
-                active[active] = better
-            accepted.append(larger.which_are(better))
+            active[active] = better
+            accepted.append(_Accepted(fits, better[fitted].nonzero()[0]))
             before = growing.sizes.copy()
             if not active.any():
                 break

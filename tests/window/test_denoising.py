@@ -1,4 +1,4 @@
-"""A slider in the sidebar of a denoised result brings its noise back at once."""
+"""A mesh is seen losing its noise, and a slider in the sidebar of the result brings it back at once."""
 
 from __future__ import annotations
 
@@ -18,18 +18,23 @@ STRENGTH = (0.62, 426)
 """In the sidebar of a result: share of its width, pixels below its top."""
 
 
-def add_noisy_sheet(size: int) -> Any:
-    """Add and select a sheet with noise, with the job Denoise in the panel."""
+STAGES = ("Fitting one-sided patches", "Moving vertices")
+"""Of denoising that show something."""
+
+
+def add_noisy_sheet(size: int) -> tuple[Any, np.ndarray]:
+    """Add and select a sheet with noise, with the job Denoise in the panel; also return the clean positions, (V, 3)."""
     driver.clear_scene()
     sheet = driver.add_creased_grid(size)
-    noisy = driver.scenes.positions(sheet.data)
+    clean = driver.scenes.positions(sheet.data)
+    noisy = clean.copy()
     noisy[:, 2] += np.random.default_rng(3).normal(0.0, NOISE, len(noisy))
     sheet.data.vertices.foreach_set("co", noisy.ravel())
     sheet.data.update()
     settings = bpy.context.scene.sparse_surface
     settings.job = "DENOISE"
     assert settings.denoise == "only"
-    return sheet
+    return sheet, clean
 
 
 def seen(shown: Any) -> np.ndarray:
@@ -37,8 +42,61 @@ def seen(shown: Any) -> np.ndarray:
     return driver.scenes.positions(shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)
 
 
+def root_mean_square(distances: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(distances**2)))
+
+
+def test_a_mesh_is_seen_losing_its_noise(monkeypatch):
+    """As an early object, while patches are being fitted: what stands in the scene is noted after each preview."""
+    preview = driver.module("operators.preview.controller").LivePreview
+    update, noted = preview.update, []
+
+    def noted_update(self, context):
+        shown = update(self, context)
+        early = [each for each in bpy.data.objects if "sparse_surface_early" in each]
+        if shown and early and driver.running():
+            off = root_mean_square(driver.scenes.positions(early[0].data) - clean)
+            noted.append((driver.running().progress.stage, off))
+        return shown
+
+    monkeypatch(preview, "update", noted_update)
+    sheet, clean = add_noisy_sheet(150)
+    before = root_mean_square(driver.scenes.positions(sheet.data) - clean)
+    bpy.context.scene.sparse_surface.preview_kind = "OBJECT"
+    yield 0.3
+    assert driver.approximate() == {"RUNNING_MODAL"}
+    yield from driver.wait_for(lambda: noted or driver.running() is None, 300.0, "early object")
+    assert noted, "the run was over before anything was shown"
+    driver.shot("denoising_early_object")
+    driver.press("ESC")
+    yield from driver.assert_nothing_left({"Creased"})
+    print("before:", before, "previews:", noted, flush=True)
+    assert noted[0][0] in STAGES
+    assert noted[-1][1] < 0.8 * before
+
+
+def test_a_drawing_shows_it_too():
+    add_noisy_sheet(150)
+    bpy.context.scene.sparse_surface.preview_kind = "DRAWN"
+    yield 0.3
+    assert driver.approximate() == {"RUNNING_MODAL"}
+    yield from driver.wait_for(lambda: driver.drawn_objects() or driver.running() is None, 300.0, "drawing")
+    assert driver.drawn_objects(), "the run was over before anything was drawn"
+    assert driver.running().progress.stage in STAGES
+    view = driver.viewport().spaces.active.region_3d
+    view.view_distance, far = 5.0, view.view_distance
+    yield 0.5
+    drawn = driver.coloured_pixels("denoising_drawn")
+    view.view_distance = far
+    driver.press("ESC")
+    yield from driver.assert_nothing_left({"Creased"})
+    gone = driver.coloured_pixels("denoising_gone")
+    assert drawn > 5000, drawn
+    assert gone < 0.1 * drawn, (gone, drawn)
+
+
 def test_the_slider_of_a_result_brings_the_noise_back_while_it_is_dragged():
-    sheet = add_noisy_sheet(60)
+    sheet, _ = add_noisy_sheet(60)
     made = driver.scenes.approximate(denoise="only")  # in this process: what is tested here is what comes after
     bpy.ops.ed.undo_push(message="Denoise")
     yield from driver.open_sidebar()
