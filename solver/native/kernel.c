@@ -27,5 +27,6 @@
 #include "parameterisation.c"
 #include "entropy.c"
 #include "growth.c"
+#include "listing.c"
 #include "predicted.c"
 #include "walk.c"

@@ -1,4 +1,4 @@
-"""What reading a file does number after number, by the compiled kernel: `entropy.c`, `growth.c` and `walk.c`."""
+"""What reading a file does number after number, by the compiled kernel: `entropy.c`, `growth.c`, `walk.c`, `listing.c`."""
 
 from __future__ import annotations
 
@@ -128,3 +128,28 @@ def fans_of_walk(valences: Indices, forks: Indices, gaps: Indices, chords: Indic
     addresses = (part.ctypes.data for part in (left, fork, gap, chord, fans))
     walk = _StoredWalk(count, len(gap), len(chord), *addresses, len(fans), 0, 0)
     return (fans[: walk.fans], walk.met) if _run("fans_of_walk", byref(walk)) else None
+
+
+class _Listing(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("items", "backs", "jumps")),
+        *((name, c_void_p) for name in ("opposite", "item", "first", "move", "back", "jump", "turn", "place")),
+    )
+
+
+def places_listed(
+    opposite: Indices,
+    items: Indices,
+    first: Indices,
+    moves: Indices,
+    returns: Indices,
+    jumps: Indices,
+    turns: Indices,
+) -> Indices | None:
+    """Return what `surface.format.listing.Listing.places` does; None where an order leads nowhere."""
+    parts = (opposite, items, first, moves, returns, jumps, turns)
+    kept = [np.ascontiguousarray(part, dtype=np.int64) for part in parts]
+    found = np.empty(len(moves), dtype=np.int64)
+    addresses = (part.ctypes.data for part in (*kept, found))
+    own = _Listing(len(moves), len(returns), len(jumps), *addresses)
+    return found if _run("places_listed", byref(own)) else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Indices
-from ...mesh.edges import connected_parts
+from ...mesh.edges import connected_parts, edge_keys, stable_order
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Capped:
     @classmethod
     def of(cls, triangles: Indices) -> Capped:
         """Close triangles, (T, 3): a vertex is one only where triangles around it share sides."""
-        opposite = _opposite(triangles)
+        opposite = opposite_sides(triangles)
         side = np.arange(triangles.size)
         paired = np.flatnonzero(opposite >= 0)
         # a side starts where the one behind its opposite does
@@ -58,13 +58,13 @@ class Capped:
         return cls(np.concatenate([vertex.reshape(-1, 3), caps]), whole, len(names), names)
 
 
-def _opposite(triangles: Indices) -> Indices:
+def opposite_sides(triangles: Indices) -> Indices:
     """Return for each side the only other one between two vertices, if it goes the other way; else -1."""
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    order = np.lexsort((high, low))
+    keys = edge_keys(start, end, int(triangles.max(initial=0)) + 1)
+    order = stable_order(keys)
     fresh = np.ones(len(order), dtype=bool)
-    fresh[1:] = (np.diff(low[order]) != 0) | (np.diff(high[order]) != 0)
+    fresh[1:] = np.diff(keys[order]) != 0
     first = np.flatnonzero(fresh)
     two = first[np.diff(np.append(first, len(order))) == 2]
     one, other = order[two], order[two + 1]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Indices, offsets_of
+from ...arrays import Booleans, Indices, offsets_of
 from ..container import demand
 from .blocks import BlockReader, BlockWriter
-from .capping import Capped
+from .capping import Capped, opposite_sides
+from .listing import REACH, Listing, listing_of_faces, listing_of_vertices
 from .walk import NotWalkedError, Walk, Walking
 
 FIRST, FAN = "first", "fan"
@@ -43,10 +44,66 @@ def _write_walk(blocks: BlockWriter, triangles: Indices) -> bool:
     blocks.whole("gaps", walk.gaps)
     blocks.whole("chords", walk.targets)
     blocks.whole("caps", np.diff(np.flatnonzero(met >= mesh.caps), prepend=0))
-    blocks.whole("names", np.diff(names, prepend=0))
-    blocks.whole("places", np.diff(begins // 3, prepend=0))
-    blocks.whole("begins", begins % 3)
+    _write_order(blocks, number[mesh.triangles.ravel()[walking.corners]].reshape(-1, 3), begins, met < mesh.caps, names)
     return True
+
+
+def _write_order(blocks: BlockWriter, walked: Indices, begins: Indices, is_mesh: Booleans, names: Indices) -> None:
+    """Add where the walk's triangles and vertices stand in the mesh, in the form that is smallest for each.
+
+    `walked` are the walk's triangles, (F, 3); `begins` the mesh's corners at which those of the mesh begin; `is_mesh`
+    tells which vertices are none of caps, and `names` has the mesh's vertex for each of them.
+    """
+    walked = walked[is_mesh[walked].all(axis=1)]
+    sides = opposite_sides(walked)
+    places, plain = np.empty_like(begins), BlockWriter()
+    places[begins // 3] = 3 * np.arange(len(begins)) + -begins % 3
+    plain.whole("places", np.diff(begins // 3, prepend=0))
+    plain.whole("begins", begins % 3)
+    listed = _written(listing_of_faces(sides, places, REACH), "face")
+    blocks.take(min(plain, listed, key=lambda each: each.size))
+    items, first = _in_first_use(walked, places, len(is_mesh))
+    of = np.zeros(len(is_mesh), dtype=np.int64)
+    of[is_mesh] = names
+    own = of[walked.ravel()[first]]
+    order, plain = np.argsort(own, kind="stable"), BlockWriter()
+    plain.whole("names", np.diff(names, prepend=0))
+    choices = [plain]
+    for reach in (0, REACH):
+        choices.append(_written(listing_of_vertices(sides, items, first, order, reach), "vertex"))
+        choices[-1].whole("vertex_names", np.diff(own[order], prepend=0))
+    blocks.take(min(choices, key=lambda each: each.size))
+
+
+def _written(listing: Listing, name: str) -> BlockWriter:
+    blocks = BlockWriter()
+    listing.write(blocks, name)
+    return blocks
+
+
+def _in_first_use(walked: Indices, places: Indices, count: int) -> tuple[Indices, Indices]:
+    """Number the vertices in the order in which the mesh's triangles first use them.
+
+    Parameters
+    ----------
+    walked, count
+        The walk's triangles, (T, 3), of vertices below `count`.
+    places
+        The corner of them at which each of the mesh's triangles begins, (T,).
+
+    Returns
+    -------
+    The number at each corner, (3 T,), and the corner at which each number is first met.
+    """
+    corners = (places - places % 3)[:, None] + (places[:, None] + np.arange(3)) % 3
+    met = walked.ravel()[corners.ravel()]
+    first = np.full(count, -1)
+    first[met[::-1]] = np.arange(len(met))[::-1]
+    used = np.flatnonzero(first >= 0)
+    used = used[np.argsort(first[used])]
+    number = np.zeros(count, dtype=np.int64)
+    number[used] = np.arange(len(used))
+    return number[walked.ravel()], corners.ravel()[first[used]]
 
 
 def _read_walk(blocks: BlockReader, count: int, vertices: int) -> Indices:
@@ -61,17 +118,35 @@ def _read_walk(blocks: BlockReader, count: int, vertices: int) -> Indices:
     capped[blocks.listed("caps", len(capped), len(capped))] = True
     triangles = triangles[~capped[triangles].any(axis=1)]
     demand(len(triangles) == count, "a walk does not have the triangles that it says")
+    return _read_order(blocks, triangles, capped, vertices)
+
+
+def _read_order(blocks: BlockReader, walked: Indices, capped: Booleans, vertices: int) -> Indices:
+    """Return the mesh's triangles, for those of the walk, (T, 3), and which of its vertices are caps' centres."""
+    count, listed = len(walked), "face_moves" in blocks or "vertex_moves" in blocks
+    sides = opposite_sides(walked) if listed else np.zeros(0, dtype=np.int64)
+    if "face_moves" in blocks:
+        each = 3 * np.arange(count)
+        begins = Listing.read(blocks, "face", count).places(sides, np.repeat(each // 3, 3), each)
+    else:
+        places, turns = np.cumsum(blocks.whole("places", count)), blocks.whole("begins", count)
+        demand_range(places, count, "a triangle has no place")
+        demand_range(turns, 3, "a triangle begins nowhere")
+        demand((np.bincount(places, minlength=count) == 1).all(), "two triangles have one place")
+        begins = np.empty(count, dtype=np.int64)
+        begins[places] = 3 * np.arange(count) + -turns % 3
     names = np.zeros(len(capped), dtype=np.int64)
-    names[~capped] = np.cumsum(blocks.whole("names", int((~capped).sum())))
+    own = int((~capped).sum())
+    if "vertex_moves" in blocks:
+        items, first = _in_first_use(walked, begins, len(capped))
+        demand(len(first) == own, "a vertex has no triangle")
+        order = Listing.read(blocks, "vertex", own).places(sides, items, first)
+        names[walked.ravel()[order]] = np.cumsum(blocks.whole("vertex_names", own))
+    else:
+        names[~capped] = np.cumsum(blocks.whole("names", own))
     demand_range(names, vertices, "a triangle names a vertex that is not there")
-    places, begins = np.cumsum(blocks.whole("places", count)), blocks.whole("begins", count)
-    demand_range(places, count, "a triangle has no place")
-    demand_range(begins, 3, "a triangle begins nowhere")
-    demand((np.bincount(places, minlength=count) == 1).all(), "two triangles have one place")
-    found = np.empty((count, 3), dtype=np.int64)
-    turned = (np.arange(3) + begins[:, None]) % 3
-    found[places[:, None], turned] = names[triangles]
-    return found
+    corners = (begins - begins % 3)[:, None] + (begins[:, None] + np.arange(3)) % 3
+    return names[walked.ravel()[corners]]
 
 
 def _write_steps(blocks: BlockWriter, triangles: Indices) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver.native import library
 from sparse_surface.solver.surface.container import Refusal
-from sparse_surface.solver.surface.format import entropy, growth, walk
+from sparse_surface.solver.surface.format import entropy, growth, listing, walk
 from sparse_surface.solver.surface.format.blocks import BlockReader, BlockWriter
 from sparse_surface.solver.surface.format.capping import Capped
 from sparse_surface.solver.surface.format.entropy import CONTEXTS, NumberReader, NumberWriter
@@ -32,7 +32,7 @@ both_readers = pytest.mark.usefixtures("_reader")
 
 
 def without_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (entropy, growth, walk):
+    for module in (entropy, growth, listing, walk):
         monkeypatch.setattr(module, "reason_against", lambda: "Not here.")
 
 
