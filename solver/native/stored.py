@@ -1,4 +1,4 @@
-"""What reading a file does number after number, by the compiled kernel: `entropy.c`, `growth.c`, `walk.c`, `listing.c`."""
+"""What reading does number after number, by the compiled kernel: `entropy.c`, `growth.c`, `walk.c`, `listing.c`."""
 
 from __future__ import annotations
 
