@@ -1,4 +1,4 @@
-"""Orders of faces and vertices: what is written comes back, in few bytes where neighbours follow; forged ones do not."""
+"""Orders of faces and vertices: what is written comes back, in few bytes among neighbours; forged ones do not."""
 
 from __future__ import annotations
 
