@@ -14,6 +14,7 @@ import io
 import os
 import sys
 import tempfile
+import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -196,6 +197,12 @@ def main(endings: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    code = 1
+    try:
+        main(sys.argv[1:])
+        code = 0
+    except BaseException:  # also where a package is missing: see below
+        traceback.print_exc()
     sys.stdout.flush()
-    os._exit(0)  # Blender's own way out may never end
+    sys.stderr.flush()
+    os._exit(code)  # Blender's own way out may never end
