@@ -65,14 +65,16 @@ def test_a_mesh_is_seen_losing_its_noise(monkeypatch):
     bpy.context.scene.sparse_surface.preview_kind = "OBJECT"
     yield 0.3
     assert driver.approximate() == {"RUNNING_MODAL"}
-    yield from driver.wait_for(lambda: noted or driver.running() is None, 300.0, "early object")
-    assert noted, "the run was over before anything was shown"
+
+    def seen_without() -> bool:
+        return any(stage in STAGES and off < 0.8 * before for stage, off in noted)
+
+    yield from driver.wait_for(lambda: seen_without() or driver.running() is None, 300.0, "mesh with less noise")
+    print("before:", before, "previews:", noted, flush=True)
+    assert seen_without(), "the run was over before the mesh was seen with less noise"
     driver.shot("denoising_early_object")
     driver.press("ESC")
     yield from driver.assert_nothing_left({"Creased"})
-    print("before:", before, "previews:", noted, flush=True)
-    assert noted[0][0] in STAGES
-    assert noted[-1][1] < 0.8 * before
 
 
 def test_a_drawing_shows_it_too():
@@ -82,6 +84,7 @@ def test_a_drawing_shows_it_too():
     assert driver.approximate() == {"RUNNING_MODAL"}
     yield from driver.wait_for(lambda: driver.drawn_objects() or driver.running() is None, 300.0, "drawing")
     assert driver.drawn_objects(), "the run was over before anything was drawn"
+    assert driver.running()
     assert driver.running().progress.stage in STAGES
     view = driver.viewport().spaces.active.region_3d
     view.view_distance, far = 5.0, view.view_distance
