@@ -47,9 +47,11 @@ def _covered(triangles: NDArray[Any], width: int, height: int) -> NDArray[np.boo
     high = np.clip(np.ceil(triangles.max(axis=1)), 0, [width, height]).astype(int)
     for corners, (left, bottom), (right, top) in zip(triangles, low, high, strict=True):
         x, y = np.arange(left, right) + 0.5, (np.arange(bottom, top) + 0.5)[:, None]
-        ends = np.roll(corners, -1, axis=0)
-        sides = [(b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) for a, b in zip(corners, ends, strict=True)]
-        inside = np.logical_and.reduce([side >= 0.0 for side in sides])
-        outside_in = np.logical_and.reduce([side <= 0.0 for side in sides])
+        (ax, ay), (bx, by), (cx, cy) = corners.tolist()
+        one = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+        two = (cx - bx) * (y - by) - (cy - by) * (x - bx)
+        three = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
+        inside = (one >= 0.0) & (two >= 0.0) & (three >= 0.0)
+        outside_in = (one <= 0.0) & (two <= 0.0) & (three <= 0.0)
         covered[bottom:top, left:right] |= inside | outside_in
     return covered
