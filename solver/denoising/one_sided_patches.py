@@ -17,7 +17,8 @@ import numpy as np
 from ..arrays import Array, Booleans, Indices
 from ..mesh.normals import unit
 from ..mesh.quadrics import quadric_terms
-from .patch_growth import Claims, GrowingPatches, agreeing_neighbours, chunk_size
+from ..native.patch_growth import Listed
+from .patch_growth import agreeing_neighbours, chunk_size, growth_on
 from .patch_normals import bends_of_triangles, local_normals
 from .surface import Surface
 
@@ -186,22 +187,20 @@ class PatchFitter:
 
     def __init__(self, surface: Surface, vertices: Array, guide: Array, noise_level: float, rule: PatchRule) -> None:
         self.chunk = chunk_size(max(len(surface.triangles), len(vertices)))
-        self._triangles, self._vertices, self._guide = surface.triangles, vertices, guide
-        self._noise_level, self._rule = noise_level, rule
-        self._neighbours = agreeing_neighbours(surface.neighbours, guide, rule.least_cosine_across)
+        self._vertices, self._guide, self._noise_level, self._rule = vertices, guide, noise_level, rule
         corners = vertices[surface.triangles]
         self._centroids = corners.mean(axis=1)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         self._unit_length = np.maximum(3 * sides.mean(axis=1), 1e-300)
-        self._triangle_claims = Claims(self.chunk, len(surface.triangles))
-        self._vertex_claims = Claims(self.chunk, len(vertices))
+        neighbours = agreeing_neighbours(surface.neighbours, guide, rule.least_cosine_across)
+        limits = rule.least_cosine_from_seed, self.chunk, rule.sizes[-1]
+        self._growing = growth_on(surface.triangles, len(vertices), neighbours, guide, *limits)
 
     def fits(self, seeds: Indices) -> Iterator[Fits]:
         """Yield the patches of at most `chunk` seeds, each at the largest size that the rule lets it have."""
         rule = self._rule
-        growing = GrowingPatches(
-            self._neighbours, self._guide, seeds, rule.least_cosine_from_seed, self._triangle_claims
-        )
+        growing = self._growing
+        growing.begin(seeds)
         active = np.ones(len(seeds), dtype=bool)
         frames = _frames(self._guide[seeds])
         accepted: list[_Accepted] = []
@@ -211,7 +210,7 @@ class PatchFitter:
             grown = active & (growing.sizes > before)
             if not grown.any():
                 break
-            fits = self._fit(seeds[grown], frames[grown], grown, growing)
+            fits = self._fit(seeds[grown], frames[grown], growing.listed(grown))
             fitted = better = grown[active]
             if accepted:
                 better = fitted.copy()
@@ -224,7 +223,6 @@ class PatchFitter:
             if not active.any():
                 break
         yield accepted[-1].copied()
-        self._triangle_claims.clear()
 
     def _agrees(self, larger: Fits, accepted: list[_Accepted]) -> Booleans:
         """Return whether a larger fit moves none of the surfaces of its smaller ones by more than noise may, (P,)."""
@@ -239,12 +237,9 @@ class PatchFitter:
             agrees &= (moved < allowed) | ~fits.sound[which]
         return agrees
 
-    def _fit(self, seeds: Indices, frames: Array, active: Booleans, growing: GrowingPatches) -> Fits:
-        """Fit the active patches as they have grown: weights from the guide first, then from the fit itself."""
-        rows, members = growing.members(active)
-        rows = (np.cumsum(active) - 1)[rows]
-        triangles, _ = _padded(rows, members, len(seeds))
-        vertices, corner_places = self._vertices_of(rows, members, len(seeds))
+    def _fit(self, seeds: Indices, frames: Array, members: Listed) -> Fits:
+        """Fit patches as they have grown: weights from the guide first, then from the fit itself."""
+        triangles, vertices, corner_places = members
         lengths = self._unit_length[seeds]
         at_vertex, heights = self._local(vertices, self._vertices, seeds, frames)
         present = triangles >= 0
@@ -286,18 +281,6 @@ class PatchFitter:
             sound=effective >= FEWEST_VERTICES,
         )
 
-    def _vertices_of(self, rows: Indices, triangles: Indices, count: int) -> tuple[Indices, Indices]:
-        """Return the patches' vertices, padded (P, L), and where in it (flattened) each triangle corner stands."""
-        corner_rows = np.repeat(rows, 3)
-        corners = self._triangles[triangles].ravel()
-        places = self._vertex_claims.places(corner_rows, corners)
-        one = self._vertex_claims.claim(places)
-        vertices, slots = _padded(corner_rows[one], corners[one], count)
-        self._vertex_claims.number(places[one], slots)
-        corner_slots = corner_rows * vertices.shape[1] + self._vertex_claims.numbers(places)
-        self._vertex_claims.clear()
-        return vertices, corner_slots
-
     def _local(self, members: Indices, positions: Array, seeds: Indices, frames: Array) -> tuple[Array, Array]:
         """Return (u, v), (P, 2, N), and heights, (P, N), of the members in their patches' frames."""
         local = (positions[members] - self._centroids[seeds][:, None]) @ frames
@@ -318,15 +301,6 @@ def _at_corners(at_vertex: Array, corner_places: Indices, present: Booleans) -> 
         for axis in range(2):
             corners[:, axis, corner][present] = at_vertex[:, axis].ravel()[places]
     return corners
-
-
-def _padded(rows: Indices, members: Indices, count: int) -> tuple[Indices, Indices]:
-    """Return ragged members, sorted by row, as (count, K) padded with -1, and the column of each."""
-    sizes = np.bincount(rows, minlength=count)
-    columns = np.arange(len(rows)) - (np.cumsum(sizes) - sizes)[rows]
-    padded = np.full((count, int(sizes.max(initial=0))), -1, dtype=np.int64)
-    padded[rows, columns] = members
-    return padded, columns
 
 
 def _frames(normals: Array) -> Array:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array, Booleans, Indices
+from ..native.library import reason_against
+from ..native.patch_growth import Listed, NativeGrowth
 
 _TABLE_ENTRIES = 1 << 24
 _MOST_RINGS = 3.0  # times the square root of the number of triangles
@@ -16,6 +18,11 @@ def chunk_size(columns: int) -> int:
     Their tables fit in 64 MB each, except on large meshes: fewer patches at once take longer, 16 nearly twice as long.
     """
     return int(np.clip(_TABLE_ENTRIES // max(columns, 1), 64, 128))
+
+
+def most_rings(limit: int) -> int:
+    """Return how many rings a patch of so many triangles may have."""
+    return int(np.ceil(_MOST_RINGS * np.sqrt(limit)))
 
 
 class Claims:
@@ -106,7 +113,7 @@ class GrowingPatches:
         rows, triangles = (part[wanted[self._waiting[0]]] for part in self._waiting)
         outer_rows, outer_triangles = (part[wanted[self._outermost[0]]] for part in self._outermost)
         held: list[tuple[Indices, Indices]] = []
-        while self._rings < _MOST_RINGS * np.sqrt(limit):
+        while self._rings < most_rings(limit):
             next_rows, next_triangles = self._ring_after(outer_rows, outer_triangles)
             rows, triangles = np.concatenate((rows, next_rows)), np.concatenate((triangles, next_triangles))
             if not len(rows):
@@ -138,6 +145,88 @@ class GrowingPatches:
         like_seed = (cosine > self._least_cosine).nonzero()[0]
         one = like_seed[self._claims.claim(place[new[like_seed]])]
         return patch[one], triangle[one]
+
+
+class PlainGrowth:
+    """Patches that grow together on one mesh, batch after batch, by NumPy.
+
+    Parameters
+    ----------
+    triangles
+        Vertices of the corners, (T, 3).
+    vertex_count
+        Of the mesh.
+    neighbours, normals, least_cosine
+        As in `GrowingPatches`.
+    most
+        Patches that grow at once.
+    """
+
+    def __init__(
+        self,
+        triangles: Indices,
+        vertex_count: int,
+        neighbours: Indices,
+        normals: Array,
+        least_cosine: float,
+        most: int,
+    ) -> None:
+        self._triangles, self._neighbours, self._normals = triangles, neighbours, normals
+        self._least_cosine = least_cosine
+        self._triangle_claims, self._vertex_claims = Claims(most, len(triangles)), Claims(most, vertex_count)
+        self.begin(np.zeros(0, dtype=np.int64))
+
+    @property
+    def sizes(self) -> Indices:
+        """Triangles of each patch, (P,)."""
+        return self._growing.sizes
+
+    def begin(self, seeds: Indices) -> None:
+        """Begin anew with patches of one triangle each, (P,)."""
+        self._triangle_claims.clear()
+        start = self._neighbours, self._normals, seeds, self._least_cosine, self._triangle_claims
+        self._growing = GrowingPatches(*start)
+
+    def grow(self, limit: int, wanted: Booleans) -> None:
+        """Let the patches that are `wanted`, (P,), grow to at most `limit` triangles."""
+        self._growing.grow(limit, wanted)
+
+    def listed(self, wanted: Booleans) -> Listed:
+        """Return the `wanted` patches, (P,)."""
+        rows, members = self._growing.members(wanted)
+        rows, count = (np.cumsum(wanted) - 1)[rows], int(wanted.sum())
+        triangles, _ = _padded(rows, members, count)
+        corner_rows, corners = np.repeat(rows, 3), self._triangles[members].ravel()
+        places = self._vertex_claims.places(corner_rows, corners)
+        one = self._vertex_claims.claim(places)
+        vertices, slots = _padded(corner_rows[one], corners[one], count)
+        self._vertex_claims.number(places[one], slots)
+        corner_places = corner_rows * vertices.shape[1] + self._vertex_claims.numbers(places)
+        self._vertex_claims.clear()
+        return Listed(triangles, vertices, corner_places)
+
+
+def growth_on(
+    triangles: Indices,
+    vertex_count: int,
+    neighbours: Indices,
+    normals: Array,
+    least_cosine: float,
+    most: int,
+    largest: int,
+) -> PlainGrowth | NativeGrowth:
+    """Return what lets at most `most` patches grow at once to at most `largest` triangles; see `PlainGrowth`."""
+    mesh = triangles, vertex_count, neighbours, normals, least_cosine
+    return NativeGrowth(*mesh, largest, most_rings) if reason_against() is None else PlainGrowth(*mesh, most)
+
+
+def _padded(rows: Indices, members: Indices, count: int) -> tuple[Indices, Indices]:
+    """Return ragged members, sorted by row, as (count, K) padded with -1, and the column of each."""
+    sizes = np.bincount(rows, minlength=count)
+    columns = np.arange(len(rows)) - (np.cumsum(sizes) - sizes)[rows]
+    padded = np.full((count, int(sizes.max(initial=0))), -1, dtype=np.int64)
+    padded[rows, columns] = members
+    return padded, columns
 
 
 def _joined(parts: list[tuple[Indices, Indices]]) -> tuple[Indices, Indices]:

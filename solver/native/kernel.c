@@ -21,6 +21,7 @@
 #include "disks.c"
 #include "strips.c"
 #include "parts.c"
+#include "patch_growth.c"
 #include "order.c"
 #include "nearest.c"
 #include "domains.c"
