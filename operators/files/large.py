@@ -26,7 +26,7 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
-_ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">"}
+_ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">", b"ascii": ""}
 _LONGEST_LINE = 1000
 
 
@@ -57,7 +57,7 @@ def read_large(path: Path) -> LargeFile:
 
 
 @dataclass(frozen=True)
-class _Element:
+class Element:
     """A kind of row: its name, how many there are, and its fields; a list is a field with a pair of types."""
 
     name: str
@@ -68,13 +68,12 @@ class _Element:
 def _mapped_ply(path: Path) -> LargeFile | None:
     """Map a binary .ply into memory; None where its faces differ in size, or it is not a binary one."""
     with open(path, "rb") as file:
-        head = _header(file)
-        if head is None:
+        order, elements = read_header(file) or ("", [])
+        if not order:
             return None
-        order, elements = head
         start, found = file.tell(), {}
         for element in elements:
-            row = _row_type(file, start, order, element)
+            row = row_type(file, start, order, element)
             if row is None or start + row.itemsize * element.count > path.stat().st_size:
                 return None
             if element.count:
@@ -102,25 +101,26 @@ def _columns(vertices: NDArray[Any]) -> NDArray[Any]:
     return np.stack([vertices[axis] for axis in "xyz"], axis=1)
 
 
-def _header(file: IO[bytes]) -> tuple[str, list[_Element]] | None:
+def read_header(file: IO[bytes]) -> tuple[str, list[Element]] | None:
+    """Read the head of a .ply: the order of its bytes, empty for one of text, and its elements; None if it is none."""
     if file.readline(_LONGEST_LINE).strip() != b"ply":
         return None
-    order, elements = "", []
+    order, elements = None, []
     while (line := file.readline(_LONGEST_LINE)) and line.strip() != b"end_header":
         words = line.split()
         if words[:1] == [b"format"]:
-            order = _ORDERS.get(words[1], "")
+            order = _ORDERS.get(words[1])
         elif words[:1] == [b"element"]:
-            elements.append(_Element(words[1].decode(), int(words[2]), []))
+            elements.append(Element(words[1].decode(), int(words[2]), []))
         elif words[:1] == [b"property"]:
             kinds = [_TYPES.get(word.decode()) for word in words[1:-1] if word != b"list"]
             if None in kinds or not elements:
                 return None
             elements[-1].fields.append((words[-1].decode(), tuple(kinds) if words[1] == b"list" else kinds[0]))
-    return (order, elements) if order and line else None
+    return (order, elements) if order is not None and line else None
 
 
-def _row_type(file: IO[bytes], start: int, order: str, element: _Element) -> np.dtype[Any] | None:
+def row_type(file: IO[bytes], start: int, order: str, element: Element) -> np.dtype[Any] | None:
     """The type of an element's rows; a list is taken to have as many entries in each row as in the first."""
     columns: list[Any] = []
     for name, kind in element.fields:

@@ -9,7 +9,7 @@ import numpy as np
 from bpy.types import Object
 from numpy.typing import NDArray
 
-from ...solver.errors import FileFormatError, InputError
+from ...solver.errors import FileFormatError
 from ...solver.reconstruction.cleaning import far_origin
 from ..data import meshes as mesh_data
 from ..data import points as cloud_data
@@ -41,7 +41,7 @@ def read_points(path: Path, name: str | None = None, *, shift: bool = False) -> 
     if path.is_file() and ending not in POINTS:
         raise FileFormatError(f"'{path.name}' is not a kind of file that can be read ({', '.join(POINTS)}).")
     if ending in TEXT and path.is_file():
-        points = _read(path)  # before the scene is emptied: a bad file changes nothing
+        points = read_point_file(path)  # before the scene is emptied: a bad file changes nothing
         bpy.ops.wm.read_homefile(use_empty=True)
         return _object_of(path.stem, points, shift)
     found = named(read_objects(path, ("MESH", "POINTCLOUD"), "mesh and no point cloud"), name)
@@ -86,34 +86,9 @@ def _world_points(each: Object) -> NDArray[np.float64]:
     return mesh_data.to_world(each, cloud_data.local_points(each, bpy.context.evaluated_depsgraph_get()))
 
 
-def points_of_text(path: Path) -> NDArray[np.float64]:
-    """Return the points of an .obj file, its lines "v x y z", (N, 3).
-
-    Raises
-    ------
-    InputError
-        When the file holds no points.
-    FileFormatError
-        When it cannot be read.
-    """
-    with open(path, encoding="utf-8", errors="replace") as lines:
-        rows = [line.split()[1:4] for line in lines if line.split()[:1] == ["v"]]
-    try:
-        points = np.array(rows, dtype=np.float64)
-    except ValueError:
-        raise FileFormatError(f"'{path.name}' cannot be read: a vertex does not have three numbers.") from None
-    if not len(points):
-        raise InputError(f"'{path.name}' holds no points.")
-    return points
-
-
 def import_points(path: Path, *, shift: bool = False) -> Object:
     """Read a file of points only into the scene; raises and shifts as `read_points` does."""
-    return _object_of(path.stem, _read(path), shift)
-
-
-def _read(path: Path) -> PointFile:
-    return read_point_file(path) if path.suffix.lower() in READERS else PointFile(points_of_text(path))
+    return _object_of(path.stem, read_point_file(path), shift)
 
 
 def _object_of(name: str, found: PointFile, shift: bool) -> Object:
