@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -57,7 +58,7 @@ def test_pictures_and_page_are_written(tmp_path: Path) -> None:
     text = page.read_text()
     assert text.count("data:image/png;base64,") == 3
     assert text.count("<rect") == 64
-    assert "http" not in text
+    assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)  # the letters of a picture may spell anything
     assert all(picture.read_bytes()[:4] == b"\x89PNG" for picture in (heat_map, bars))
 
 

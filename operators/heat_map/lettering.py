@@ -18,6 +18,12 @@ from .raster import Shape
 LEGEND_LENGTH, LEGEND_THICKNESS, LEGEND_Y = 6.4, 0.2, -3.75
 """In the units of the picture."""
 
+FIELD_REACH = 0.1
+"""How far a field of the legend reaches under the next ones: several pixels, so that none shows the ground."""
+
+CURVE_STEPS = 4
+"""Segments of each curve of a letter: at the sizes of a picture no more are seen, and each is a triangle to draw."""
+
 INK = (0.02, 0.02, 0.02)
 
 
@@ -31,6 +37,7 @@ class Lettering:
         """Write a line of text at (x, y)."""
         curve = bpy.data.curves.new("Text", "FONT")
         curve.body, curve.size, curve.align_x = text, size, align
+        curve.resolution_u = CURVE_STEPS
         made = bpy.data.objects.new("Text", curve)
         mesh = bpy.data.meshes.new_from_object(made)
         self._add(_flat_triangles(mesh) + np.array([x, y]), INK)
@@ -41,8 +48,9 @@ class Lettering:
     def strip(self, colours: NDArray[np.floating[Any]], length: float, thickness: float, y: float) -> None:
         """Lay equal fields of the linear colours (n, 3) side by side."""
         ends = np.linspace(-length / 2, length / 2, len(colours) + 1)
-        low, high, right = y - thickness / 2, y + thickness / 2, length / 2
-        for colour, left in zip(colours, ends[:-1], strict=True):  # each over the end of the one before: no gaps
+        low, high = y - thickness / 2, y + thickness / 2
+        under = np.minimum(ends[:-1] + max(2 * length / len(colours), FIELD_REACH), length / 2)
+        for colour, left, right in zip(colours, ends[:-1], under, strict=True):  # each over the ones before: no gaps
             corners = np.array([(left, low), (right, low), (right, high), (left, high)])
             self._add(corners[[[0, 1, 2], [0, 2, 3]]], colour)
 

@@ -21,7 +21,7 @@ Colour = tuple[float, float, float]
 WIDTH, HEIGHT = 16.0, 9.0
 
 GROUND = (0.92, 0.92, 0.93)
-SAMPLES = 4
+SAMPLES = 2
 SAMPLES_WITHOUT_DENOISER = 64
 
 
