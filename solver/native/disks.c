@@ -210,7 +210,7 @@ static int64_t number_patch(const Surface *surface, Marks *marks, int32_t patch,
     }
     qsort(nodes, (size_t)size, sizeof(int64_t), ascending_numbers);
     for (int64_t n = 0; n < size; n++) {
-        bool inside = marks->at_node[nodes[n]] == surface->fan_offsets[nodes[n] + 1] - surface->fan_offsets[nodes[n]];
+        bool inside = marks->at_node[nodes[n]] >= surface->fan_offsets[nodes[n] + 1] - surface->fan_offsets[nodes[n]];
         distance[n] = inside ? -1 : 0;
         marks->queue[nodes[n]] = (int32_t)n;
     }
@@ -218,8 +218,8 @@ static int64_t number_patch(const Surface *surface, Marks *marks, int32_t patch,
     return size;
 }
 
-/* Walk inwards from the rim; without a rim all distances are one. */
-static void measure_rim_distance(const int64_t *corners, int64_t count, int64_t size, int64_t *distance) {
+/* Find the edges from each vertex to the nearest whose distance is 0, where it is -1 now. */
+static ONE_COPY void spread_hops(const int64_t *corners, int64_t count, int64_t *distance) {
     bool more = true;
     for (int64_t step = 1; more; step++) {
         more = false;
@@ -229,6 +229,11 @@ static void measure_rim_distance(const int64_t *corners, int64_t count, int64_t 
             if (distance[other] == step - 1 && distance[one] < 0) distance[one] = step, more = true;
         }
     }
+}
+
+/* Walk inwards from the rim; without a rim all distances are one. */
+static void measure_rim_distance(const int64_t *corners, int64_t count, int64_t size, int64_t *distance) {
+    spread_hops(corners, count, distance);
     for (int64_t n = 0; n < size; n++)
         if (distance[n] < 0) distance[n] = 1;
 }

@@ -94,38 +94,38 @@ class Surface:
     def ring_sizes(self, centres: Indices, radius: int) -> Indices:
         """How many triangles these are, (K,)."""
         starts, sizes = np.ascontiguousarray(centres, dtype=np.int64), np.empty(len(centres), dtype=np.int64)
-        self._run("ring_sizes", _at(starts), c_int64(len(starts)), c_int64(radius), _at(sizes))
+        self.run("ring_sizes", _at(starts), c_int64(len(starts)), c_int64(radius), _at(sizes))
         return sizes
 
     def members(self, centres: Indices, radius: int, sizes: Indices) -> Members:
         """The triangles themselves, for the sizes that `ring_sizes` returned."""
         starts = np.ascontiguousarray(centres, dtype=np.int64)
         found = Members(offsets_of(sizes), np.empty(int(sizes.sum()), dtype=np.int64))
-        self._run("ring_members", _at(starts), c_int64(radius), byref(_native(found)))
+        self.run("ring_members", _at(starts), c_int64(radius), byref(_native(found)))
         return found
 
     def are_disks(self, members: Members) -> Booleans:
         """Which patches are disks, (K,)."""
         good = np.zeros(len(members.offsets) - 1, dtype=np.uint8)
-        self._run("judge_disks", byref(_native(members)), _at(good))
+        self.run("judge_disks", byref(_native(members)), _at(good))
         return good.astype(bool)
 
     def grown(self, centres: Indices, radius: int, most: Indices, wanted: Booleans) -> tuple[Members, Indices]:
         """Grow a disk around each centre (see `patches.strips`); also returns their radii, 0 where there is none."""
         starts, limits = (np.ascontiguousarray(own, dtype=np.int64) for own in (centres, most))
         first, room = np.ascontiguousarray(wanted, dtype=np.uint8), np.empty(len(starts), dtype=np.int64)
-        self._run("ring_sizes", _at(starts), c_int64(len(starts)), c_int64(radius), _at(room))
+        self.run("ring_sizes", _at(starts), c_int64(len(starts)), c_int64(radius), _at(room))
         space = Members(offsets_of(room), np.empty(int(room.sum()), dtype=np.int64))
         sizes, radii = np.empty_like(room), np.empty_like(room)
         given = _at(starts), c_int64(radius), _at(limits), _at(first), byref(_native(space))
-        self._run("grow_disks", *given, _at(sizes), _at(radii))
+        self.run("grow_disks", *given, _at(sizes), _at(radii))
         used = np.arange(len(space.triangles)) - np.repeat(space.offsets[:-1], room) < np.repeat(sizes, room)
         return Members(offsets_of(sizes), space.triangles[used]), radii
 
     def held(self, members: Members) -> Booleans:
         """The nodes that some patch has with all of their triangles, (N,)."""
         held = np.zeros(len(self.fan_offsets) - 1, dtype=np.uint8)
-        self._run("mark_held", byref(_native(members)), _at(held))
+        self.run("mark_held", byref(_native(members)), _at(held))
         return held.astype(bool)
 
     def numbered(self, members: Members) -> Numbered:
@@ -135,11 +135,12 @@ class Surface:
         nodes, distance, corners = (np.empty(3 * size, dtype=np.int64) for _ in range(3))
         sizes = np.empty(len(members.offsets) - 1, dtype=np.int64)
         arrays = _Numbered(*(array.ctypes.data for array in (sizes, nodes, distance, corners)))
-        self._run("number_nodes", byref(_native(members)), byref(arrays))
+        self.run("number_nodes", byref(_native(members)), byref(arrays))
         count = int(sizes.sum())
         return Numbered(sizes, nodes[:count].copy(), distance[:count].copy(), corners.reshape(-1, 3))
 
-    def _run(self, name: str, *arguments: Any) -> None:
+    def run(self, name: str, *arguments: Any) -> None:
+        """Call a function of the kernel on the mesh."""
         arrays: tuple[NDArray[Any], ...] = (
             np.ascontiguousarray(self.graph.offsets, dtype=np.int64),
             np.ascontiguousarray(self.graph.neighbours, dtype=np.int32),

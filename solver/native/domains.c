@@ -81,9 +81,9 @@ static bool walk_step(const Damping *damping, const double *step, const double *
 
 /* From each of n places of domains a step, or two where the first is long, towards the points of their patches'
  * surfaces that are nearest to the targets; and how fast the functions move with each parameter there. */
-int32_t ENTRY(steps_towards)(const SparsePatches *own, const Damping *damping, int64_t count, const int64_t *patch,
-                             const double *place /* (n, 2) */, const double *target /* (n, r) */,
-                             double *nearer /* (n, 2) */, double *speed /* (n, 2) */) {
+static ONE_COPY int32_t step_all(const SparsePatches *own, const Damping *damping, int64_t count, const int64_t *patch,
+                                 const double *place /* (n, 2) */, const double *target /* (n, r) */,
+                                 double *nearer /* (n, 2) */, double *speed /* (n, 2) */) {
     Tables tables;
     if (!make_tables(&tables, own)) return OUT_OF_MEMORY;
     for (int64_t n = 0; n < count; n++) {
@@ -97,4 +97,9 @@ int32_t ENTRY(steps_towards)(const SparsePatches *own, const Damping *damping, i
     }
     free(tables.u);
     return DONE;
+}
+
+int32_t ENTRY(steps_towards)(const SparsePatches *own, const Damping *damping, int64_t count, const int64_t *patch,
+                             const double *place, const double *target, double *nearer, double *speed) {
+    return step_all(own, damping, count, patch, place, target, nearer, speed);
 }

@@ -40,6 +40,10 @@ class Damping:
     longest: float
     far: float
 
+    def structure(self) -> _Damping:
+        """The same as the kernel takes it."""
+        return _Damping(self.share, np.finfo(float).tiny, self.longest, self.far)
+
 
 class SparsePatches:
     """The sparse functions of K patches: degrees in u and v, (K, r, s, 2), and coefficients, (K, r, s)."""
@@ -47,7 +51,8 @@ class SparsePatches:
     def __init__(self, degrees: Indices, coefficients: Array, degree: int, legendre: bool) -> None:
         self._u, self._v = (np.ascontiguousarray(degrees[..., k], dtype=np.int32) for k in (0, 1))
         self._coefficients = np.ascontiguousarray(coefficients, dtype=np.float64)
-        self._signals, self._width, self._degree, self._legendre = *coefficients.shape[1:], degree, legendre
+        addresses = (c_void_p(own.ctypes.data) for own in (self._u, self._v, self._coefficients))
+        self.own = _SparsePatches(*coefficients.shape[1:], degree, legendre, *addresses)
 
     def nearer(self, patch: Indices, place: Array, target: Array, damping: Damping) -> tuple[Array, Array]:
         """One Gauss-Newton step from places (n, 2) towards targets (n, r), or two where the first is long.
@@ -58,11 +63,9 @@ class SparsePatches:
         """
         given = [np.ascontiguousarray(patch, dtype=np.int64), *(np.ascontiguousarray(own) for own in (place, target))]
         found, speed = np.empty_like(given[1]), np.empty_like(given[1])
-        addresses = (c_void_p(own.ctypes.data) for own in (self._u, self._v, self._coefficients))
-        own = _SparsePatches(self._signals, self._width, self._degree, self._legendre, *addresses)
         failed = function("steps_towards")(
-            byref(own),
-            byref(_Damping(damping.share, np.finfo(float).tiny, damping.longest, damping.far)),
+            byref(self.own),
+            byref(damping.structure()),
             c_int64(len(patch)),
             *(c_void_p(array.ctypes.data) for array in given),
             *(c_void_p(array.ctypes.data) for array in (found, speed)),

@@ -26,18 +26,23 @@ static int64_t next_symbol(StoredNumbers *own, int64_t context) {
     return symbol;
 }
 
-/* The next `count` numbers, each of its context, for which there is a table.  (Processors that the kernel is built for
- * have the lowest byte of a number first, as the file has.) */
+/* The next number, of a context for which there is a table; false where there is none.  (Processors that the kernel is
+ * built for have the lowest byte of a number first, as the file has.) */
+static ONE_COPY bool next_number(StoredNumbers *own, int64_t context, int64_t *number) {
+    int64_t symbol = next_symbol(own, context), bits = symbol < 4 ? 0 : (symbol >> 1) - 1;
+    if (symbol < 0 || bits > own->bits - own->next_bit) return false;
+    uint64_t window;
+    memcpy(&window, own->bit + (own->next_bit >> 3), sizeof window);
+    uint64_t plain = window >> (own->next_bit & 7) & (((uint64_t)1 << bits) - 1);
+    uint64_t folded = symbol < 4 ? (uint64_t)symbol : (uint64_t)(2 + (symbol & 1)) << bits | plain;
+    *number = (int64_t)(folded >> 1) ^ -(int64_t)(folded & 1);
+    own->next_bit += bits;
+    return true;
+}
+
+/* The next `count` numbers. */
 int32_t ENTRY(next_numbers)(StoredNumbers *own, int64_t count, const int64_t *context, int64_t *number) {
-    for (int64_t n = 0; n < count; n++) {
-        int64_t symbol = next_symbol(own, context[n]), bits = symbol < 4 ? 0 : (symbol >> 1) - 1;
-        if (symbol < 0 || bits > own->bits - own->next_bit) return CUT_SHORT;
-        uint64_t window;
-        memcpy(&window, own->bit + (own->next_bit >> 3), sizeof window);
-        uint64_t plain = window >> (own->next_bit & 7) & (((uint64_t)1 << bits) - 1);
-        uint64_t folded = symbol < 4 ? (uint64_t)symbol : (uint64_t)(2 + (symbol & 1)) << bits | plain;
-        number[n] = (int64_t)(folded >> 1) ^ -(int64_t)(folded & 1);
-        own->next_bit += bits;
-    }
+    for (int64_t n = 0; n < count; n++)
+        if (!next_number(own, context[n], number + n)) return CUT_SHORT;
     return DONE;
 }

@@ -5,9 +5,10 @@
  * the same order. */
 typedef struct {
     int64_t links, width, places; /* Q, n, N */
-    const int64_t *target;        /* (Q) */
-    const int64_t *source;        /* (Q, n) */
+    const int32_t *row;           /* (Q, 1 + n): the target first */
 } Links;
+
+static inline const int32_t *row_of(const Links *own, int64_t link) { return own->row + link * (own->width + 1); }
 
 /* What becomes known in which round. */
 typedef struct {
@@ -28,11 +29,11 @@ enum { NONE = -1 };
 
 /* Let a link wait for a place; false where all of them are known. */
 static bool waits(const Links *own, const Order *order, WaitingLinks *waiting, int64_t link) {
-    for (int64_t k = link * own->width; k < (link + 1) * own->width; k++) {
-        int64_t place = own->source[k];
-        if (order->known[place]) continue;
-        waiting->next[link] = waiting->first[place];
-        waiting->first[place] = (int32_t)link;
+    const int32_t *row = row_of(own, link);
+    for (int64_t k = 1; k <= own->width; k++) {
+        if (order->known[row[k]]) continue;
+        waiting->next[link] = waiting->first[row[k]];
+        waiting->first[row[k]] = (int32_t)link;
         return true;
     }
     return false;
@@ -61,7 +62,7 @@ static void finish_round(const Links *own, Order *order, int64_t count, uint8_t 
     int64_t *link = order->link + order->links[order->rounds], *owner = order->owner + order->links[order->rounds];
     int64_t *place = order->place + order->places[order->rounds];
     each_once(link, count, marks, link);
-    for (int64_t k = 0; k < count; k++) owner[k] = own->target[link[k]];
+    for (int64_t k = 0; k < count; k++) owner[k] = *row_of(own, link[k]);
     int64_t places = each_once(owner, count, marks, place);
     for (int64_t k = 0; k < places; k++) {
         position[place[k]] = k;
@@ -78,7 +79,7 @@ static int64_t wake(const Links *own, Order *order, WaitingLinks *waiting, int64
     int64_t count = 0;
     for (int32_t link = waiting->first[place], next; link != NONE; link = next) {
         next = waiting->next[link];
-        if (!order->known[own->target[link]] && !waits(own, order, waiting, link)) ready[count++] = link;
+        if (!order->known[*row_of(own, link)] && !waits(own, order, waiting, link)) ready[count++] = link;
     }
     return count;
 }
@@ -87,7 +88,7 @@ static void grow(const Links *own, Order *order, WaitingLinks *waiting, uint8_t 
     int64_t count = 0;
     order->rounds = order->links[0] = order->places[0] = 0;
     for (int64_t q = 0; q < own->links; q++)
-        if (!order->known[own->target[q]] && !waits(own, order, waiting, q)) order->link[count++] = q;
+        if (!order->known[*row_of(own, q)] && !waits(own, order, waiting, q)) order->link[count++] = q;
     while (count) {
         finish_round(own, order, count, marks, position);
         count = 0;
@@ -97,8 +98,8 @@ static void grow(const Links *own, Order *order, WaitingLinks *waiting, uint8_t 
 }
 
 /* Find all rounds; every number of `own` names something that is there. */
-int32_t ENTRY(growth)(const Links *own, Order *order) {
-    if (own->links > INT32_MAX) return OUT_OF_MEMORY;
+static int32_t find_rounds(const Links *own, Order *order) {
+    if (own->links > INT32_MAX || own->places > INT32_MAX) return OUT_OF_MEMORY;
     int64_t most = own->places > own->links ? own->places : own->links;
     int64_t *position = malloc(((size_t)own->places + 1) * sizeof *position);
     WaitingLinks waiting = {.first = malloc(((size_t)own->places + (size_t)own->links + 1) * sizeof(int32_t))};
@@ -113,4 +114,19 @@ int32_t ENTRY(growth)(const Links *own, Order *order) {
     free(waiting.first);
     free(marks);
     return room ? DONE : OUT_OF_MEMORY;
+}
+
+int32_t ENTRY(growth)(const Links *own, Order *order) { return find_rounds(own, order); }
+
+/* Find them into memory of their own, which begins at `place`. */
+static int32_t find_own_rounds(const Links *own, Order *order) {
+    size_t places = (size_t)own->places + 1, links = (size_t)own->links;
+    int64_t *memory = malloc((3 * places + 2 * links) * sizeof *memory);
+    if (!memory) return OUT_OF_MEMORY;
+    order->place = memory;
+    order->places = memory + places;
+    order->links = order->places + places;
+    order->link = order->links + places;
+    order->owner = order->link + links;
+    return find_rounds(own, order);
 }

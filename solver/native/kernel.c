@@ -19,6 +19,7 @@
 #include "bounds.c"
 #include "cover.c"
 #include "disks.c"
+#include "stored_cover.c"
 #include "strips.c"
 #include "parts.c"
 #include "patch_growth.c"
@@ -30,4 +31,5 @@
 #include "growth.c"
 #include "listing.c"
 #include "predicted.c"
+#include "reading.c"
 #include "walk.c"

@@ -38,6 +38,8 @@ typedef enum {
     NOT_IN_A_TRIANGLE = 2,
     UNKNOWN_FUNCTION = 3,
     CUT_SHORT = 4, /* a file ends too early, or holds numbers that lead nowhere */
+    NO_TABLE = 5,  /* it has a number in a context that it has no table for */
+    TOO_LARGE = 6, /* or a value that is too large, or none */
 } Status;
 
 enum { PAD = 8, FRAME_SIZE = 10 };

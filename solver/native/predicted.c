@@ -25,14 +25,14 @@ static int32_t divide(const Round *round, int64_t *count, double *mean, int widt
 }
 
 /* Means (n, 6) of a + b - c and of the sizes of the three, for corners (target, a, b, c) of all links (Q, 4). */
-int32_t ENTRY(positions_across)(const Round *round, const int64_t *corner, const double *position /* (V, 3) */,
-                                const double *size /* (V, 3) */, double *mean) {
+static ONE_COPY int32_t sum_positions(const Round *round, const int32_t *corner, const double *position /* (V, 3) */,
+                                      const double *size /* (V, 3) */, double *mean) {
     memset(mean, 0, (size_t)round->owners * 6 * sizeof *mean);
     for (int64_t q = 0; q < round->links; q++) {
-        const int64_t *own = corner + 4 * round->link[q];
+        const int32_t *own = corner + 4 * round->link[q];
         double *sum = mean + 6 * round->owner[q];
         for (int k = 0; k < 3; k++) {
-            int64_t a = 3 * own[1] + k, b = 3 * own[2] + k, c = 3 * own[3] + k;
+            int64_t a = 3 * (int64_t)own[1] + k, b = 3 * (int64_t)own[2] + k, c = 3 * (int64_t)own[3] + k;
             sum[k] += position[a] + position[b] - position[c];
             sum[3 + k] += (size[a] + size[b] + size[c]) / 3.0;
         }
@@ -40,24 +40,29 @@ int32_t ENTRY(positions_across)(const Round *round, const int64_t *corner, const
     return divide(round, counted(round), mean, 6);
 }
 
+int32_t ENTRY(positions_across)(const Round *round, const int32_t *corner, const double *position, const double *size,
+                                double *mean) {
+    return sum_positions(round, corner, position, size, mean);
+}
+
 /* S patch triangles, and where the third corner of a mesh triangle lies: solver/surface/format/domains.py. */
 typedef struct {
     int64_t patch_triangles, mesh_triangles; /* S, T */
-    const int64_t *corner;                   /* (S, 3): patch vertices */
+    const int32_t *link;                     /* (3 S, 3): patch vertices that are target, a and b of each link */
     const int64_t *triangle;                 /* (S): the mesh's triangle */
     const double *share, *height;            /* (3, T) */
 } Unfolded;
 
 /* Means (n, 5) of where links suggest domains, by what their ends were off, and of how large that was.  Link k S + s
- * leads from the corners k + 1 and k + 2 of patch triangle s to its corner k. */
-int32_t ENTRY(domains_across)(const Round *round, const Unfolded *own, const double *domain /* (M, 2) */,
-                              const double *off /* (M, 2) */, const double *size /* (M, 2) */, double *mean) {
+ * leads from the corners a = k + 1 and b = k + 2 of patch triangle s to its corner k. */
+static ONE_COPY int32_t sum_domains(const Round *round, const Unfolded *own, const double *domain /* (M, 2) */,
+                                    const double *off /* (M, 2) */, const double *size /* (M, 2) */, double *mean) {
     memset(mean, 0, (size_t)round->owners * 5 * sizeof *mean);
     for (int64_t q = 0; q < round->links; q++) {
-        int64_t side = round->link[q] / own->patch_triangles, s = round->link[q] % own->patch_triangles;
-        int64_t a = 2 * own->corner[3 * s + (side + 1) % 3], b = 2 * own->corner[3 * s + (side + 2) % 3];
-        double share = own->share[side * own->mesh_triangles + own->triangle[s]];
-        double height = own->height[side * own->mesh_triangles + own->triangle[s]];
+        int64_t link = round->link[q], side = (link >= own->patch_triangles) + (link >= 2 * own->patch_triangles);
+        int64_t a = 2 * (int64_t)own->link[3 * link + 1], b = 2 * (int64_t)own->link[3 * link + 2];
+        int64_t triangle = side * own->mesh_triangles + own->triangle[link - side * own->patch_triangles];
+        double share = own->share[triangle], height = own->height[triangle];
         double along_u = domain[b] - domain[a], along_v = domain[b + 1] - domain[a + 1];
         double *sum = mean + 5 * round->owner[q];
         sum[0] += domain[a] + share * along_u - height * along_v;
@@ -67,4 +72,9 @@ int32_t ENTRY(domains_across)(const Round *round, const Unfolded *own, const dou
         sum[4] += (size[a] + size[b] + (size[a + 1] + size[b + 1])) / 4.0;
     }
     return divide(round, counted(round), mean, 5);
+}
+
+int32_t ENTRY(domains_across)(const Round *round, const Unfolded *own, const double *domain, const double *off,
+                              const double *size, double *mean) {
+    return sum_domains(round, own, domain, off, size, mean);
 }

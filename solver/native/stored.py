@@ -64,20 +64,26 @@ class StoredNumbers:
     ) -> None:
         kept = [np.ascontiguousarray(part) for part in (slots, frequency, start, words, bits, states.copy())]
         self._kept, sizes = kept, (len(states), frequency.shape[1], len(words), 8 * (len(bits) - 16))
-        self._own = _StoredNumbers(*sizes, *(part.ctypes.data for part in kept), 0, 0, 0)
+        self.own = _StoredNumbers(*sizes, *(part.ctypes.data for part in kept), 0, 0, 0)
 
     def take(self, contexts: Indices) -> Indices | None:
         """Return the next numbers, (n,), for contexts (n,) that have tables; None where there are too few."""
         given, found = np.ascontiguousarray(contexts, dtype=np.int64), np.empty(len(contexts), dtype=np.int64)
-        enough = _run("next_numbers", byref(self._own), c_int64(len(given)), _address(given), _address(found))
+        enough = _run("next_numbers", byref(self.own), c_int64(len(given)), _address(given), _address(found))
         return found if enough else None
 
 
-class _Links(Structure):
-    _fields_ = (
-        *((name, c_int64) for name in ("links", "width", "places")),
-        *((name, c_void_p) for name in ("target", "source")),
-    )
+class Links(Structure):
+    """`Links` of growth.c."""
+
+    _fields_ = (*((name, c_int64) for name in ("links", "width", "places")), ("row", c_void_p))
+
+    @classmethod
+    def of(cls, rows: NDArray[np.int32], places: int) -> Links:
+        """Take rows (Q, 1 + n) of targets and what predicts them; they stay in use."""
+        if rows.size and not 0 <= rows.min() <= rows.max() < places:
+            raise IndexError("A link names a place that is not there.")
+        return cls(len(rows), rows.shape[1] - 1, places, rows.ctypes.data)
 
 
 class _Order(Structure):
@@ -87,16 +93,21 @@ class _Order(Structure):
     )
 
 
+def rows_of_links(targets: Indices, sources: Indices) -> NDArray[np.int32]:
+    """Targets (Q,) and what predicts them, (Q, n), as rows (Q, 1 + n)."""
+    rows = np.empty((len(targets), 1 + sources.shape[1]), dtype=np.int32)
+    rows[:, 0], rows[:, 1:] = targets, sources
+    return rows
+
+
 def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
     """Yield what `surface.format.growth.rounds` yields; `known` is changed before the first round."""
-    count, width, places = *sources.shape, len(known)
-    target, source = (np.ascontiguousarray(part, dtype=np.int64) for part in (targets, sources))
-    if count and not 0 <= min(target.min(), source.min(initial=0)) <= max(target.max(), source.max(initial=0)) < places:
-        raise IndexError("A link names a place that is not there.")
+    count, places = len(targets), len(known)
+    rows = rows_of_links(targets, sources)
     lengths = (places, count, count, places + 1, places + 1)
     made = [np.empty(length, dtype=np.int64) for length in lengths]
     marks = np.ascontiguousarray(known).view(np.uint8)
-    links = _Links(count, width, places, target.ctypes.data, source.ctypes.data)
+    links = Links.of(rows, places)
     order = _Order(marks.ctypes.data, *(part.ctypes.data for part in made), 0)
     _run("growth", byref(links), c_void_p(addressof(order)))
     known[:] = marks.view(bool)

@@ -6,14 +6,16 @@ This is the format's own definition (docs/format.md); it does not change when th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...arrays import Array, Booleans, Indices, offsets_of
-from ...native.disks import Surface
-from ...native.graphs import Graph
+from ...mesh.edges import stable_order
+from ...native.disks import Members
 from ...native.library import reason_against
+from ...native.stored_cover import Fans, hops_in_patches, numbered_nodes
 from ..container import demand
 
 POWER, HIDING = 1.5, 1000.0
@@ -25,24 +27,37 @@ AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Incidence:
-    """Which triangles touch which node, (N, T), and which nodes share a triangle, (N, N)."""
+    """Which triangles touch which of N nodes: `triangles[offsets[n]:offsets[n + 1]]`, ascending.
+
+    One that names a node twice touches none.
+    """
 
     nodes: Indices
-    of_nodes: csr_array
-    reach: csr_array
+    offsets: Indices
+    triangles: Indices
 
     @classmethod
     def of(cls, nodes: Indices, count: int) -> Incidence:
-        """Find both for triangles, (T, 3), that name `count` nodes; one that names a node twice touches none."""
-        proper = np.flatnonzero((nodes != np.roll(nodes, -1, axis=1)).all(axis=1))
-        bounds = offsets_of(np.where((nodes != np.roll(nodes, -1, axis=1)).all(axis=1), 3, 0))
-        ones = np.ones(3 * len(proper), dtype=np.int32)
-        of_triangles = csr_array((ones, nodes[proper].ravel(), bounds), shape=(len(nodes), count))
-        of_nodes = of_triangles.T.tocsr()
-        reach = csr_array(of_nodes @ of_triangles)
+        """Find them for triangles, (T, 3), that name `count` nodes."""
+        a, b, c = nodes.T
+        proper = (a != b) & (b != c) & (c != a)
+        corners = np.arange(nodes.size) if proper.all() else np.flatnonzero(np.repeat(proper, 3))
+        own = nodes.ravel()[corners]
+        return cls(nodes, offsets_of(np.bincount(own, minlength=count)), corners[stable_order(own)] // 3)
+
+    @cached_property
+    def of_nodes(self) -> csr_array:
+        """The same as a matrix, (N, T) boolean."""
+        ones = np.ones(len(self.triangles), dtype=bool)
+        return csr_array((ones, self.triangles, self.offsets), shape=(len(self.offsets) - 1, len(self.nodes)))
+
+    @cached_property
+    def reach(self) -> csr_array:
+        """Which nodes share a triangle, (N, N) boolean."""
+        of_nodes = self.of_nodes.astype(np.int32)
+        reach = csr_array(of_nodes @ of_nodes.T)
         reach.data = reach.data.astype(bool)
-        of_nodes.data = of_nodes.data.astype(bool)
-        return cls(nodes, of_nodes, reach)
+        return reach
 
 
 def ring_members(incidence: Incidence, centres: Indices, rings: Indices, most: int) -> csr_array:
@@ -54,19 +69,29 @@ def ring_members(incidence: Incidence, centres: Indices, rings: Indices, most: i
         When they are more than `most`.
     """
     parts, held, first = [csr_array((0, len(incidence.nodes)), dtype=bool)], 0, 0
-    each = max(len(incidence.nodes), 1)
-    compiled = reason_against() is None
-    step, grow = max(AT_ONCE // each, 256 if compiled else 64), _grown_natively if compiled else _grown
+    grow = _grown if reason_against() else _grown_natively
     while first < len(centres):
-        part = grow(incidence, centres[first : first + step], rings[first : first + step], most - held)
+        part = grow(incidence, centres[first:], rings[first:], most - held)
         parts.append(part)
-        held, first = held + part.nnz, first + step
+        held, first = held + part.nnz, first + part.shape[0]
     members = csr_array(vstack(parts, format="csr"))
     members.sort_indices()
     return members
 
 
+def _grown_natively(incidence: Incidence, centres: Indices, rings: Indices, most: int) -> csr_array:
+    """Return the members of the first rings, as many as may grow together."""
+    each = len(incidence.nodes)
+    fans = Fans(incidence.nodes, incidence.offsets, incidence.triangles)
+    sizes, members = fans.rings(centres, rings, min(most, max(AT_ONCE, each)))
+    demand(len(sizes), "its patches are larger than it says")
+    return csr_array((np.ones(len(members), dtype=bool), members, offsets_of(sizes)), shape=(len(sizes), each))
+
+
 def _grown(incidence: Incidence, centres: Indices, rings: Indices, most: int) -> csr_array:
+    """The same by NumPy."""
+    together = max(AT_ONCE // max(len(incidence.nodes), 1), 64)
+    centres, rings = centres[:together], rings[:together]
     rows = np.flatnonzero(rings > 0)
     ball = csr_array(
         (np.ones(len(rows), dtype=bool), (rows, centres[rows])), shape=(len(centres), incidence.reach.shape[0])
@@ -79,26 +104,6 @@ def _grown(incidence: Incidence, centres: Indices, rings: Indices, most: int) ->
     members = csr_array(ball @ incidence.of_nodes)
     demand(members.nnz <= most, "its patches are larger than it says")
     return members
-
-
-def _grown_natively(incidence: Incidence, centres: Indices, rings: Indices, most: int) -> csr_array:
-    none, of_nodes = np.zeros((0, 3), dtype=np.int64), incidence.of_nodes
-    graph = Graph(incidence.reach.indptr, incidence.reach.indices)
-    surface = Surface(
-        graph, of_nodes.indptr, of_nodes.indices, incidence.nodes, none, none, *(none[:, k] for k in range(3))
-    )
-    radii = np.unique(rings[rings > 0])
-    sizes = np.zeros(len(centres), dtype=np.int64)
-    for radius in radii:
-        own = rings == radius
-        sizes[own] = surface.ring_sizes(centres[own], int(radius))
-    demand(sizes.sum() <= most, "its patches are larger than it says")
-    members = np.empty(int(sizes.sum()), dtype=np.int64)
-    for radius in radii:
-        own = rings == radius
-        members[np.repeat(own, sizes)] = surface.members(centres[own], int(radius), sizes[own]).triangles
-    ones = np.ones(len(members), dtype=bool)
-    return csr_array((ones, members, offsets_of(sizes)), shape=(len(centres), len(incidence.nodes)))
 
 
 def _chosen(which: Booleans, one: csr_array, other: csr_array) -> csr_array:
@@ -133,6 +138,11 @@ class Cover:
     @classmethod
     def of(cls, nodes: Indices, count: int, triangle_offsets: Indices, mesh_triangles: Indices) -> Cover:
         """Number the vertices of patches that hold the given triangles of a mesh with `count` nodes."""
+        if not reason_against():
+            found = numbered_nodes(nodes, count, Members(triangle_offsets, mesh_triangles))
+            first = offsets_of(found.sizes)
+            own = found.corners + np.repeat(first[:-1], np.diff(triangle_offsets))[:, None]
+            return cls(first, found.nodes, triangle_offsets, mesh_triangles, own)
         patches = len(triangle_offsets) - 1
         patch = np.repeat(np.arange(patches), np.diff(triangle_offsets))
         own = nodes[mesh_triangles]
@@ -147,12 +157,15 @@ class Cover:
     def rim(self, incidence: Incidence) -> Booleans:
         """Tell which patch vertices, (M,), have a triangle outside of their patch."""
         around = np.bincount(self.corners.ravel(), minlength=len(self.nodes))
-        on_rim: Booleans = around < np.diff(incidence.of_nodes.indptr)[self.nodes]
+        on_rim: Booleans = around < np.diff(incidence.offsets)[self.nodes]
         return on_rim
 
     def hops(self, start: Booleans) -> Indices:
         """Edges from each patch vertex to the nearest of its patch where `start`, (M,); -1 where there is none."""
         reached, distance = start.copy(), np.where(start, 0, -1)
+        if not reason_against():
+            hops_in_patches(self.triangle_offsets, self.corners, distance)
+            return distance
         waiting, step = np.ascontiguousarray(self.corners.T), 0
         while waiting.size:
             step += 1

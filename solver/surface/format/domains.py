@@ -17,8 +17,9 @@ from ...fitting.dictionary import Dictionary
 from ...native.domains import Damping, SparsePatches
 from ...native.library import reason_against
 from ...native.predicted import UnfoldedTriangles
+from ...native.reading import DomainLimits
 from .cover import Cover
-from .growth import Coder, mean_of, rounds
+from .growth import Coder, Reading, mean_of, rounds
 
 DAMPING = Damping(share=1e-3, longest=0.1, far=0.02)
 EXPECTED = 0.5
@@ -28,6 +29,7 @@ ANYWHERE = 1.0
 """How far off a domain may be that no neighbour predicts."""
 
 LEAST_SPEED, LARGEST_SPEED = 0.3, 1e9
+LIMITS = DomainLimits(EXPECTED, LARGEST_START, ANYWHERE, LEAST_SPEED, LARGEST_SPEED)
 FINER = 1 / 4
 """Steps of vertices whose rounding would move the surface too far."""
 
@@ -150,11 +152,19 @@ def code_domains(
     """
     patch = cover.patch_of_vertex
     known = seeds_of(cover, centres)
+    unfolded = None
+    if not reason_against():
+        unfolded = UnfoldedTriangles(cover.corners, cover.mesh_triangles, shapes.share, shapes.height)
+    if unfolded and functions.compiled and isinstance(code, Reading) and code.values:
+        given = unfolded, functions.compiled, DAMPING, LIMITS, known, target, steps, patch
+        status, found = code.values.domains(*given)
+        code.numbers.demand_read(status)
+        return found
     domain, off = np.zeros((len(patch), 2)), np.zeros((len(patch), 2))
     # each corner of each triangle is predicted from the two that follow
     corners = np.ascontiguousarray(cover.corners.T)
     one, two = (np.roll(corners, -k, axis=0).ravel() for k in (1, 2))
-    means = _suggestions(cover, shapes, one, two)
+    means = unfolded.means if unfolded else _suggestions(cover, shapes, one, two)
 
     def settle(places: Indices, start: Array, expected: Array, size: Array) -> None:
         start = np.where(np.abs(start) <= LARGEST_START, start, 0.0)  # collapsed triangles suggest anything
@@ -178,8 +188,6 @@ def code_domains(
 
 def _suggestions(cover: Cover, shapes: Shapes, one: Indices, two: Indices) -> Callable[..., Array]:
     """Return what finds the means of what links from the patch vertices `one` and `two`, (3 S,), suggest."""
-    if not reason_against():
-        return UnfoldedTriangles(cover.corners, cover.mesh_triangles, shapes.share, shapes.height).means
     share, height = (part[:, cover.mesh_triangles].ravel() for part in (shapes.share, shapes.height))
 
     def means(domain: Array, off: Array, sizes: Array, used: Indices, owner: Indices, count: int) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Indices
 from ...native.library import reason_against
+from ...native.reading import REFUSALS, StoredValues
 from ...native.stored import StoredNumbers
 from ..container import demand
 from .blocks import BlockReader, BlockWriter
@@ -171,6 +172,14 @@ class NumberReader:
         if not reason_against():
             tables = self._symbol, self._frequency, self._start
             self._native = StoredNumbers(*tables, self._states, self._words, self._bits)
+
+    def values(self, bounds: Array, largest: float) -> StoredValues | None:
+        """What reads values up to `largest` by these numbers, if the compiled kernel does; `bounds` are of contexts."""
+        return StoredValues(self._native, self._known, bounds, largest) if self._native else None
+
+    def demand_read(self, status: int) -> None:
+        """Refuse what `StoredValues` returned, unless it is 0."""
+        demand(not status, REFUSALS.get(status, "").format(self._name))
 
     def take(self, contexts: Indices) -> Indices:
         """Return the next numbers, (n,), for contexts (n,)."""

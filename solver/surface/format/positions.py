@@ -10,7 +10,7 @@ from ...arrays import Array, Indices
 from ...mesh.edges import connected_parts, edge_keys, stable_order
 from ...native.library import reason_against
 from ...native.predicted import Parallelograms
-from .growth import Coder, mean_of, rounds
+from .growth import Coder, Reading, mean_of, rounds
 
 ANYWHERE = 1e9
 """Steps by which a position may be off that nothing predicts."""
@@ -30,12 +30,16 @@ def code_positions(triangles: Indices, steps: Array, code: Coder) -> Array:
     known[triangles] = False
     known[triangles[first]] = True
     seeds = np.flatnonzero(known)
-    positions, steps = np.zeros((len(steps), 3)), steps[:, None]
-    positions[seeds] = code(seeds, positions[seeds], steps[seeds], ANYWHERE * steps[seeds] + positions[seeds])
-    means = partial(_means, links) if reason_against() else Parallelograms(links).means
+    positions, each = np.zeros((len(steps), 3)), steps[:, None]
+    positions[seeds] = code(seeds, positions[seeds], each[seeds], ANYWHERE * each[seeds] + positions[seeds])
+    compiled = None if reason_against() else Parallelograms(links)
+    if compiled and isinstance(code, Reading) and code.values:
+        code.numbers.demand_read(code.values.positions(compiled, known, positions, code.sizes, steps))
+        return positions
+    means = compiled.means if compiled else partial(_means, links)
     for places, used, owner in rounds(links[:, 0], links[:, 1:], known):
         mean = means(positions, code.sizes, used, owner, len(places))
-        positions[places] = code(places, mean[:, :3], steps[places], mean[:, 3:])
+        positions[places] = code(places, mean[:, :3], each[places], mean[:, 3:])
     return positions
 
 
