@@ -29,7 +29,9 @@ LARGEST = 512 * 1024
 
 # Sums may be reordered, so that they fit into vectors; infinities and NaN keep their meaning.
 ARITHMETIC = ("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math", "-freciprocal-math")
-OPTIONS = ("-std=c11", "-O3", "-Wall", "-Wextra", "-ffp-contract=fast", "-fvisibility=hidden", *ARITHMETIC)
+# no exception passes through C, so what unwinding needs is left out
+SMALLER = ("-fvisibility=hidden", "-fno-asynchronous-unwind-tables", "-fno-unwind-tables")
+OPTIONS = ("-std=c11", "-O3", "-Wall", "-Wextra", "-ffp-contract=fast", *SMALLER, *ARITHMETIC)
 WIDE = "-mprefer-vector-width=512"
 # instruction set -> options for the machine's compiler and for zig
 X64_SETS = {

@@ -221,12 +221,13 @@ static int64_t number_patch(const Surface *surface, Marks *marks, int32_t patch,
 /* Find the edges from each vertex to the nearest whose distance is 0, where it is -1 now. */
 static ONE_COPY void spread_hops(const int64_t *corners, int64_t count, int64_t *distance) {
     bool more = true;
-    for (int64_t step = 1; more; step++) {
+    for (int64_t step = 0; more; step++) {
         more = false;
-        for (int64_t c = 0; c < 3 * count; c++) {
-            int64_t one = corners[c], other = corners[c % 3 == 2 ? c - 2 : c + 1];
-            if (distance[one] == step - 1 && distance[other] < 0) distance[other] = step, more = true;
-            if (distance[other] == step - 1 && distance[one] < 0) distance[one] = step, more = true;
+        for (int64_t c = 0; c < 3 * count; c += 3) {
+            int64_t *own[] = {distance + corners[c], distance + corners[c + 1], distance + corners[c + 2]};
+            if (*own[0] != step && *own[1] != step && *own[2] != step) continue;
+            for (int k = 0; k < 3; k++)
+                if (*own[k] < 0) *own[k] = step + 1, more = true;
         }
     }
 }

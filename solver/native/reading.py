@@ -87,7 +87,7 @@ class StoredValues:
         0, or one of `REFUSALS`.  Positions and sizes are changed.
         """
         marks, step = _marks(known), np.ascontiguousarray(steps)
-        rows, own = Links.of(links.links, len(positions)), self._structure(positions, sizes)
+        rows, own = Links.of(links.links, np.array([0, len(positions)])), self._structure(positions, sizes)
         return _status(function("read_positions")(byref(rows), byref(own), _address(marks), _address(step)))
 
     def domains(
@@ -99,25 +99,28 @@ class StoredValues:
         known: Booleans,
         target: Array,
         steps: Array,
-        patch: Indices,
+        offsets: Indices,
     ) -> tuple[int, Array]:
         """Read domains; rounds grow from the `known` ones, (M,).
 
         Parameters
         ----------
-        target, steps, patch
-            Of each patch vertex, (M, r), (M,) and (M,).
+        target, steps
+            Of each patch vertex, (M, r) and (M,).
+        offsets
+            Where the vertices of each patch begin, (K + 1,).
 
         Returns
         -------
         0, or one of `REFUSALS`; and the domains, (M, 2).
         """
-        count = len(patch)
+        count = len(target)
+        patch = np.repeat(np.arange(len(offsets) - 1, dtype=np.int32), np.diff(offsets))
         domains, sizes, off = (np.zeros((count, 2)) for _ in range(3))
-        parts = [np.ascontiguousarray(part) for part in (target, steps, patch.astype(np.int32), off)]
+        parts = [np.ascontiguousarray(part) for part in (target, steps, patch, off)]
         structures = triangles.own, functions.own, damping.structure(), _Limits(*astuple(limits))
         given = _Domains(*(addressof(part) for part in structures), *(part.ctypes.data for part in parts))
-        rows, own, marks = Links.of(triangles.links, count), self._structure(domains, sizes), _marks(known)
+        rows, own, marks = Links.of(triangles.links, offsets), self._structure(domains, sizes), _marks(known)
         status = function("read_domains")(byref(rows), byref(own), byref(given), _address(marks))
         return _status(status), domains
 

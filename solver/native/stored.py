@@ -76,14 +76,32 @@ class StoredNumbers:
 class Links(Structure):
     """`Links` of growth.c."""
 
-    _fields_ = (*((name, c_int64) for name in ("links", "width", "places")), ("row", c_void_p))
+    _fields_ = (
+        *((name, c_int64) for name in ("links", "width", "places")),
+        ("row", c_void_p),
+        ("groups", c_int64),
+        ("group", c_void_p),
+    )
+
+    kept: tuple[NDArray[Any], ...] = ()
 
     @classmethod
-    def of(cls, rows: NDArray[np.int32], places: int) -> Links:
-        """Take rows (Q, 1 + n) of targets and what predicts them; they stay in use."""
+    def of(cls, rows: NDArray[np.int32], groups: Indices) -> Links:
+        """Take links between places.
+
+        Parameters
+        ----------
+        rows
+            Targets and what predicts them, (Q, 1 + n).
+        groups
+            Where the places of each of K groups begin, (K + 1,), which no link leaves.
+        """
+        places = int(groups[-1])
         if rows.size and not 0 <= rows.min() <= rows.max() < places:
             raise IndexError("A link names a place that is not there.")
-        return cls(len(rows), rows.shape[1] - 1, places, rows.ctypes.data)
+        links = cls(len(rows), rows.shape[1] - 1, places, rows.ctypes.data, len(groups) - 1, groups.ctypes.data)
+        links.kept = rows, groups  # as long as their addresses
+        return links
 
 
 class _Order(Structure):
@@ -107,7 +125,7 @@ def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tupl
     lengths = (places, count, count, places + 1, places + 1)
     made = [np.empty(length, dtype=np.int64) for length in lengths]
     marks = np.ascontiguousarray(known).view(np.uint8)
-    links = Links.of(rows, places)
+    links = Links.of(rows, np.array([0, places]))
     order = _Order(marks.ctypes.data, *(part.ctypes.data for part in made), 0)
     _run("growth", byref(links), c_void_p(addressof(order)))
     known[:] = marks.view(bool)

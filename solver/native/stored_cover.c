@@ -46,19 +46,43 @@ static int64_t grow_ring(const Surface *surface, Marks *marks, int32_t patch, in
     return count;
 }
 
+/* Put different numbers in ascending order: as bits of a map (all 0, and again at the end) where these are close enough.
+ */
+static void put_ascending(int64_t *numbers, int64_t count, uint64_t *bits) {
+    int64_t low = INT64_MAX, high = -1, made = 0;
+    for (int64_t k = 0; k < count; k++) {
+        low = numbers[k] < low ? numbers[k] : low;
+        high = numbers[k] > high ? numbers[k] : high;
+    }
+    if (high / 64 - low / 64 > 16 * count) {
+        qsort(numbers, (size_t)count, sizeof *numbers, ascending_numbers);
+        return;
+    }
+    for (int64_t k = 0; k < count; k++) bits[numbers[k] / 64] |= (uint64_t)1 << numbers[k] % 64;
+    for (int64_t word = low / 64; word <= high / 64; word++) {
+        for (uint64_t left = bits[word]; left; left &= left - 1) numbers[made++] = 64 * word + __builtin_ctzll(left);
+        bits[word] = 0;
+    }
+}
+
 /* Grow rings until one does not fit; the triangles of each ascend. */
 int ENTRY(grow_rings)(const Surface *surface, Rings *rings) {
     Marks marks;
     int64_t total = 0, size;
-    if (!memory_for_marks(surface, &marks)) return OUT_OF_MEMORY;
+    uint64_t *bits = calloc((size_t)surface->triangles / 64 + 1, sizeof *bits);
+    if (!bits || !memory_for_marks(surface, &marks)) {
+        free(bits);
+        return OUT_OF_MEMORY;
+    }
     for (rings->done = 0; rings->done < rings->count; rings->done++) {
         int64_t k = rings->done, *own = rings->triangle + total;
         size = grow_ring(surface, &marks, (int32_t)(k + 1), rings->centre[k], rings->radius[k], own, rings->room - total);
         if (size < 0) break;
-        qsort(own, (size_t)size, sizeof(int64_t), ascending_numbers);
+        put_ascending(own, size, bits);
         rings->size[k] = size;
         total += size;
     }
+    free(bits);
     free_aligned(marks.memory);
     return DONE;
 }
@@ -67,5 +91,14 @@ int ENTRY(grow_rings)(const Surface *surface, Rings *rings) {
  * stays so where none is reached.  `corners` (S, 3) are numbers of vertices over all patches. */
 int ENTRY(hops_in_patches)(int64_t patches, const int64_t *offsets, const int64_t *corners, int64_t *distance) {
     for (int64_t k = 0; k < patches; k++) spread_hops(corners + 3 * offsets[k], offsets[k + 1] - offsets[k], distance);
+    return DONE;
+}
+
+/* Raise shares (M) to half of the largest weight (M) in a triangle of the same patch, for corners (S, 3). */
+int ENTRY(shares_nearby)(int64_t count, const int64_t *corners, const double *weight, double *share) {
+    for (int64_t c = 0; c < 3 * count; c += 3) {
+        double half = fmax(fmax(weight[corners[c]], weight[corners[c + 1]]), weight[corners[c + 2]]) / 2.0;
+        for (int k = 0; k < 3; k++) share[corners[c + k]] = fmax(share[corners[c + k]], half);
+    }
     return DONE;
 }

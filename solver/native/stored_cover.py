@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Indices
+from ..arrays import Array, Indices
 from .disks import Members, Numbered, Surface
 from .graphs import Graph
 from .library import function
@@ -74,3 +74,11 @@ def hops_in_patches(offsets: Indices, corners: Indices, distance: Indices) -> No
     own = [np.ascontiguousarray(part, dtype=np.int64) for part in (offsets, corners)]
     addresses = (c_void_p(part.ctypes.data) for part in (*own, distance))
     function("hops_in_patches")(c_int64(len(offsets) - 1), *addresses)
+
+
+def shares_nearby(weights: Array, corners: Indices) -> Array:
+    """The larger of each weight, (M,), and half of the largest in a triangle, (S, 3), that it belongs to."""
+    own, given = np.ascontiguousarray(corners, dtype=np.int64), np.ascontiguousarray(weights, dtype=np.float64)
+    shares = given.copy()
+    function("shares_nearby")(c_int64(len(own)), *(c_void_p(part.ctypes.data) for part in (own, given, shares)))
+    return shares

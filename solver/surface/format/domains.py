@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array, Booleans, Indices
+from ...arrays import Array, Booleans, Indices, any_of, rows_at
 from ...fitting.dictionary import Dictionary
 from ...native.domains import Damping, SparsePatches
 from ...native.library import reason_against
 from ...native.predicted import UnfoldedTriangles
 from ...native.reading import DomainLimits
+from ...native.stored_cover import shares_nearby
 from .cover import Cover
 from .growth import Coder, Reading, mean_of, rounds
 
@@ -47,7 +48,7 @@ class Shapes:
     @classmethod
     def of(cls, positions: Array, triangles: Indices) -> Shapes:
         """Measure triangles (T, 3) between positions (V, 3)."""
-        corner = [positions[column].T for column in triangles.T]
+        corner = [[axis.take(column) for axis in positions.T.copy()] for column in triangles.T]
         share, height = np.empty((3, len(triangles))), np.empty((3, len(triangles)))
         for row in range(3):
             (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (corner[(k + row + 1) % 3] for k in range(3))
@@ -156,7 +157,7 @@ def code_domains(
     if not reason_against():
         unfolded = UnfoldedTriangles(cover.corners, cover.mesh_triangles, shapes.share, shapes.height)
     if unfolded and functions.compiled and isinstance(code, Reading) and code.values:
-        given = unfolded, functions.compiled, DAMPING, LIMITS, known, target, steps, patch
+        given = unfolded, functions.compiled, DAMPING, LIMITS, known, target, steps, cover.vertex_offsets
         status, found = code.values.domains(*given)
         code.numbers.demand_read(status)
         return found
@@ -204,6 +205,8 @@ def _suggestions(cover: Cover, shapes: Shapes, one: Indices, two: Indices) -> Ca
 
 def shares_of(cover: Cover, weights: Array, least: float) -> Array:
     """How much of a patch vertex's move shows, (M,): its weight, half of a neighbour's, or `least`; the largest."""
+    if not reason_against():
+        return np.maximum(shares_nearby(weights, cover.corners), least)
     largest = weights[cover.corners].max(axis=1, initial=0.0)
     shares = weights.copy()
     np.maximum.at(shares, cover.corners.ravel(), np.repeat(largest / 2.0, 3))
@@ -212,10 +215,12 @@ def shares_of(cover: Cover, weights: Array, least: float) -> Array:
 
 def seeds_of(cover: Cover, centres: Indices) -> Booleans:
     """Tell which patch vertices, (M,), rounds start from: the corners of a patch's first triangle at its centre."""
-    patch = np.repeat(np.arange(len(centres)), np.diff(cover.triangle_offsets))
-    at_centre = (cover.nodes[cover.corners] == centres[patch][:, None]).any(axis=1)
-    order = np.lexsort((np.arange(len(patch)), ~at_centre, patch))
-    first = order[cover.triangle_offsets[:-1][np.diff(cover.triangle_offsets) > 0]]
+    starts, is_centre = cover.triangle_offsets[:-1], cover.nodes == np.repeat(centres, np.diff(cover.vertex_offsets))
+    at_centre = np.flatnonzero(any_of(rows_at(is_centre, cover.corners)))
+    patch, own = np.unique(np.searchsorted(starts, at_centre, side="right") - 1, return_index=True)
+    first = starts.copy()
+    first[patch] = at_centre[own]
+    first = first[np.diff(cover.triangle_offsets) > 0]
     seeds = np.zeros(len(cover.nodes), dtype=bool)
     seeds[cover.corners[first]] = True
     return seeds

@@ -20,7 +20,6 @@ from .entropy import NumberReader
 from .functions import coefficient_steps, degrees_of, domain_inputs, domain_steps, mean_positions, position_steps
 from .growth import Reading
 from .positions import code_positions
-from .recognition import renumbered
 
 
 def read(head: dict[str, Any], sizes: Sizes, blocks: BlockReader) -> dict[str, Any]:
@@ -87,12 +86,9 @@ def _read_creases(blocks: BlockReader, triangles: Indices) -> Indices:
 def _read_nodes(blocks: BlockReader, sizes: Sizes, triangles: Indices, creases: Indices) -> tuple[Indices, Indices]:
     """Return the nodes of the triangles' corners, and the vertex of each node; those between creases, if not stored."""
     if len(creases) and "cut_corners" not in blocks:
-        fans = Fans.of(triangles, creases, sizes.vertices)
-        found = renumbered(fans.corners, triangles, sizes.vertices)
+        fans = Fans.of(triangles, creases, sizes.vertices)  # they are numbered as `renumbered` does it
         demand(len(fans.vertex) == sizes.nodes, "its creases do not lead to the nodes that it says")
-        vertex = np.arange(sizes.nodes)
-        vertex[found.ravel()] = triangles.ravel()
-        return found, vertex
+        return fans.corners, fans.vertex
     cut = blocks.listed("cut_corners", triangles.size, triangles.size)
     extra = blocks.whole("cut_nodes", len(cut))
     demand_range(extra, sizes.nodes - sizes.vertices, "a corner names a node that is not there")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sparse_surface.benchmarks import generated_models as models
 from sparse_surface.solver import Representation, Settings, approximate
 from sparse_surface.solver.native.library import reason_against
+from sparse_surface.solver.surface.closing import Fans
 from sparse_surface.solver.surface.container import Refusal
 from sparse_surface.solver.surface.format import connectivity, cover, domains, entropy, growth, listing, positions, walk
 from sparse_surface.solver.surface.format.blocks import BlockReader, BlockWriter
@@ -18,6 +19,7 @@ from sparse_surface.solver.surface.format.cover import Cover, Incidence, ring_me
 from sparse_surface.solver.surface.format.entropy import CONTEXTS, NumberReader, NumberWriter
 from sparse_surface.solver.surface.format.growth import Reading, Writing
 from sparse_surface.solver.surface.format.positions import code_positions
+from sparse_surface.solver.surface.format.recognition import renumbered
 
 QUICK = {"ring": 4, "degree": 8, "sparsity": 8, "iterations": 3, "sweeps": 0}
 NEAR = {"rtol": 1e-10, "atol": 1e-12}
@@ -157,3 +159,16 @@ def test_a_ring_at_a_time_fits_or_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_array_equal(parts.indices, whole.indices)
     with pytest.raises(Refusal, match="larger than it says"):
         ring_members(incidence, centres, rings, whole.nnz - 1)
+
+
+@both
+@pytest.mark.parametrize("seed", range(20))
+def test_nodes_between_creases_need_no_other_numbers(seed: int) -> None:
+    """Of a vertex's nodes the one whose corner comes first has its number; also where triangles name one twice."""
+    nodes, random = crossed(seed), np.random.default_rng(seed)
+    sides = np.sort(np.concatenate([nodes[:, [0, 1]], nodes[:, [1, 2]], nodes[:, [2, 0]]]), axis=1)
+    creases = np.unique(sides[(random.random(len(sides)) < 0.3) & (sides[:, 0] != sides[:, 1])], axis=0)
+    fans = Fans.of(nodes, creases, 40)
+    assert len(fans.vertex) > 40
+    np.testing.assert_array_equal(renumbered(fans.corners, nodes, 40), fans.corners)
+    np.testing.assert_array_equal(fans.vertex[fans.corners], nodes)
