@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..denoising.denoise import removable_noise
+from ..denoising.found_noise import removable_noise
 from ..settings import Settings
 from .cut import Cut, Parts
 from .folder import JobFolder

@@ -20,8 +20,8 @@ from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, relayed, run_to_end, within
-from .noise_level import STRONG, NoiseEstimate, estimate_noise_level, mean_edge_length, smoothed_normals
-from .noise_spectrum import correlated_noise
+from .found_noise import find_noise
+from .noise_level import STRONG, mean_edge_length
 from .normal_filter import filter_normals, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
@@ -31,15 +31,7 @@ from .surface import Surface, build_surface
 from .triangle_repair import repair_triangles
 from .vertex_update import LEAST_VARIANCE, fill_in, keep_shape, move_wild_ones_far, settle, update_directions
 
-CLEAN = 0.03
-"""Relief below this share of the mean edge length counts as the mesh's own and stays ..."""
-
-EVEN = 0.25
-"""... unless it is more even than this (see `NoiseEstimate`), as only noise is, and above a third of that share."""
-
 LARGEST_STRENGTH = 10.0
-
-_ISOTROPIC = 0.5  # of the noise along the normals: with more within the surface, vertices may be off in all directions
 
 _FINE = PatchRule((14, 28, 56, 112, 224, 448), normal_width=0.16, largest_change=4.0, caution=0.85, misfit_power=1.0)
 _COARSE = PatchRule((250,), normal_width=0.3, largest_change=4.0, caution=0.85, misfit_power=4.0)
@@ -180,47 +172,17 @@ def _denoised(
 ) -> Steps[Denoised]:
     yield Progress("Estimating the noise", 0.0)
     edge = mean_edge_length(mesh)
-    estimate, least, is_clean = _estimated(mesh, surface, edge)
-    correlated = None if is_clean else correlated_noise(mesh, smoothed_normals(mesh))
-    found = estimate.level if correlated is None else correlated.level
-    asked = strength * (found if noise_level is None else noise_level)
-    if asked == 0 or edge == 0 or (noise_level is None and (is_clean or asked < least)):
+    found = find_noise(mesh, surface)
+    asked = strength * (found.level if noise_level is None else noise_level)
+    if asked == 0 or edge == 0 or (noise_level is None and (found.is_clean or asked < found.least)):
         unmoved = given.copy() if np.issubdtype(given.dtype, np.floating) else mesh.vertices.copy()
-        return Denoised(unmoved, 0.0, found, 0.0, np.zeros(len(given)))
-    noise = _Noise(
-        level=asked,
-        known=max(asked, found),
-        edge=edge,
-        sideways=estimate.along_surface > _ISOTROPIC * estimate.level,
-        inflation=1.0 if correlated is None else correlated.inflation,
-        length=0.0 if correlated is None else correlated.length,
-    )
+        return Denoised(unmoved, 0.0, found.level, 0.0, np.zeros(len(given)))
+    known = max(asked, found.level)
+    noise = _Noise(asked, known, edge, found.sideways, inflation=found.inflation, length=found.length)
     moved, level = yield from within(_without_noise(mesh, surface, noise), 0.05, 1.0)
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
-    return Denoised(result, level, found, level / edge, displacement)
-
-
-def _estimated(mesh: TriangleMesh, surface: Surface, edge: float) -> tuple[NoiseEstimate, float, bool]:
-    """Return the noise, the least level that is removed, and whether there is none to be removed."""
-    estimate = estimate_noise_level(mesh, surface)
-    least = (CLEAN if estimate.unevenness > EVEN else CLEAN / 3) * edge
-    return estimate, least, estimate.is_pattern or estimate.level < least
-
-
-def removable_noise(
-    vertices: ArrayLike, faces: ArrayLike | list[list[int]], sharp_edges: ArrayLike | None = None
-) -> float:
-    """Return the noise level that `denoise` finds in a mesh, scene units; 0 where it leaves the mesh as it is."""
-    mesh = build_mesh(as_positions(vertices), faces)
-    marked = checked_edges(sharp_edges, len(mesh.vertices))
-    surface = build_surface(mesh, cut_along_marked(mesh, marked) if len(marked) else None)
-    estimate, least, is_clean = _estimated(mesh, surface, mean_edge_length(mesh))
-    if is_clean:
-        return 0.0
-    correlated = correlated_noise(mesh, smoothed_normals(mesh))
-    level = estimate.level if correlated is None else correlated.level
-    return level if level >= least else 0.0
+    return Denoised(result, level, found.level, level / edge, displacement)
 
 
 def _check(noise_level: float | None, strength: float) -> None:

@@ -55,11 +55,12 @@ class CorrelatedNoise:
     length: float
 
 
-def correlated_noise(mesh: TriangleMesh, normals: Array) -> CorrelatedNoise | None:
+def correlated_noise(mesh: TriangleMesh, normals: Array, has_lines: bool = False) -> CorrelatedNoise | None:
     """Return the noise of a mesh if it is correlated, None if it is not, or if shape may explain what is found.
 
     The squared residuals of the disks are fitted, with relative errors and weights of 0 or more, as a sum of noise of
-    each correlation length and of a cubic shape, which grows with the sixth power of the radius.
+    each correlation length and of a cubic shape, which grows with the sixth power of the radius.  Where it is known
+    that each line of a scan has an error of its own, independent noise, such lines and shape are fitted.
 
     Parameters
     ----------
@@ -67,12 +68,16 @@ def correlated_noise(mesh: TriangleMesh, normals: Array) -> CorrelatedNoise | No
         The noisy mesh.
     normals
         Smoothed unit normals of its nodes, (N, 3).
+    has_lines
+        Whether errors are alike along lines of one direction (see `scan_structure`).
     """
     found = measured_spectrum(mesh, normals)
     if found is None or not found.all():
         return None
     shape = (np.array(RINGS) / RINGS[-1])[:, None] ** 6.0
     noise, inflation = _lattice_spectra()
+    if has_lines:
+        return _noise_with_lines(np.hstack([noise[:, :1], _spectrum_of_lines()[0], shape]) / found[:, None])
     ones = np.ones(len(RINGS))
     _, white = nnls(np.hstack([noise[:, :1], shape]) / found[:, None], ones)
     parts, rest = nnls(np.hstack([noise, shape]) / found[:, None], ones)
@@ -81,6 +86,16 @@ def correlated_noise(mesh: TriangleMesh, normals: Array) -> CorrelatedNoise | No
         return None
     length = float(np.sqrt(parts[:-1] @ np.square(LENGTHS) / total))
     return CorrelatedNoise(float(np.sqrt(total)), float(np.sqrt(parts[:-1] @ inflation / total)), length)
+
+
+def _noise_with_lines(spectra: Array) -> CorrelatedNoise | None:
+    parts, _ = nnls(spectra, np.ones(len(spectra)))
+    independent, lines, _ = parts
+    total = float(independent + lines)
+    if total == 0:
+        return None
+    inflation = float(np.sqrt((independent + lines * _spectrum_of_lines()[1]) / total))
+    return CorrelatedNoise(float(np.sqrt(total)), inflation, 0.0)
 
 
 def measured_spectrum(mesh: TriangleMesh, normals: Array) -> Array | None:
@@ -148,6 +163,15 @@ def _lower_quartile(freedom: float) -> float:
     return float((1 - part - 0.6745 * np.sqrt(part)) ** 3)
 
 
+def _lattice() -> tuple[Array, Indices, Indices]:
+    """Return a disk of a triangular lattice: positions, (N, 2), rings and rows, (N,) both."""
+    side = np.arange(-RINGS[-1], RINGS[-1] + 1)
+    i, j = (part.ravel() for part in np.meshgrid(side, side))
+    ring = np.maximum(np.maximum(np.abs(i), np.abs(j)), np.abs(i + j))
+    inside = ring <= RINGS[-1]
+    return np.column_stack([i + 0.5 * j, np.sqrt(0.75) * j])[inside], ring[inside], j[inside]
+
+
 @lru_cache(maxsize=1)
 def _lattice_spectra() -> tuple[Array, Array]:
     """What noise of variance 1 and of each length leaves on a triangular lattice.
@@ -156,11 +180,7 @@ def _lattice_spectra() -> tuple[Array, Array]:
     -------
     Mean squared residuals by degree of freedom, (R, L), and the sum of the correlations with one vertex, (L,).
     """
-    side = np.arange(-RINGS[-1], RINGS[-1] + 1)
-    i, j = (part.ravel() for part in np.meshgrid(side, side))
-    ring = np.maximum(np.maximum(np.abs(i), np.abs(j)), np.abs(i + j))
-    inside = ring <= RINGS[-1]
-    at, ring = np.column_stack([i + 0.5 * j, np.sqrt(0.75) * j])[inside], ring[inside]
+    at, ring, _ = _lattice()
     squared = ((at[:, None] - at) ** 2).sum(axis=2)
     spectra = np.empty((len(RINGS), len(LENGTHS)))
     inflation = np.empty(len(LENGTHS))
@@ -174,3 +194,27 @@ def _lattice_spectra() -> tuple[Array, Array]:
             left = np.trace(own) - np.einsum("ik,ij,jk->", basis, own, basis, optimize=True)
             spectra[row, column] = left / (disk.sum() - _TERMS)
     return spectra, inflation
+
+
+@lru_cache(maxsize=1)
+def _spectrum_of_lines() -> tuple[Array, float]:
+    """What an error of variance 1 for each row of a triangular lattice leaves.
+
+    Returns
+    -------
+    As much as the quartiles of independent noise would have to have, (R, 1): few rows scatter more than many vertices
+    (Satterthwaite 1946).  And how much more of it the mean over one of the smallest disks shows than of independent
+    noise, variance for variance.
+    """
+    at, ring, row = _lattice()
+    spectrum = np.empty((len(RINGS), 1))
+    for place, radius in enumerate(RINGS):
+        disk = ring <= radius
+        basis, _ = np.linalg.qr(np.asarray(quadric_terms(at[disk, 0], at[disk, 1], axis=1)))
+        rows = (row[disk][:, None] == row[disk]).astype(np.float64)
+        left = rows - basis @ (basis.T @ rows)
+        left -= (left @ basis) @ basis.T
+        freedom, count = np.trace(left) ** 2 / (left**2).sum(), disk.sum() - _TERMS
+        spectrum[place] = np.trace(left) / count * _lower_quartile(freedom) / _lower_quartile(count)
+    smallest = row[ring <= RINGS[0]]
+    return spectrum, float((smallest[:, None] == smallest).sum() / len(smallest))
