@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from ..operators.files.formats import ERROR_COLOURS, ORDERS, POINTS, QUALITIES, READABLE
 from ..solver.distance.settings import ALIGNMENTS, DistanceSettings
-from ..solver.settings import PRESETS, CloudSettings, Settings
+from ..solver.settings import MOST_POINTS, PRESETS, CloudSettings, Settings
 from ..solver.version import VERSION
 from .completion import SHELLS, PrintCompletion
 from .outputs import DISTANCE_OUTPUTS, MESH, OUTPUTS, REPORT, same_output
@@ -117,6 +117,13 @@ def _add_reconstruct(parser: argparse.ArgumentParser) -> Sequence[Settle]:
         help="vertices of the base that is made from the points if none is given (default: one for 24 to 60 points)",
     )
     parser.add_argument("--object", metavar="NAME", help="take only this object's points")
+    text = (
+        f"merge them in the cells of a grid until N are left at most; clouds of more than {MOST_POINTS} are in any case"
+    )
+    large = parser.add_argument_group(
+        "large clouds", "Points are read in parts, fitted where they are merged, all measured."
+    )
+    large.add_argument("--most-points", type=positive_number, metavar="N", help=text)
     _add_outputs(parser)
     own = {item.name for item in dataclasses.fields(CloudSettings)}
     return [

@@ -22,6 +22,7 @@ from ..solver.progress import run_to_end
 from ..solver.reconstruction.evaluated import reconstruct_arrays
 from ..solver.surface.representation import Representation
 from .console import console
+from .in_parts import read_large
 from .outputs import Made, asked_for, is_scene, keeps_functions, write_outputs
 from .progress import progress_display
 
@@ -29,7 +30,8 @@ from .progress import progress_display
 def run(options: argparse.Namespace) -> None:
     """Make a surface from the points of the file, then write what was asked for."""
     arrays = read_base(options.base) if options.base else None
-    points = read_points(options.input, options.object, shift=True)
+    large = read_large(options)
+    points = read_points(options.input, options.object, shift=True) if large is None else large.points
     base = None
     if arrays:
         vertices, corners, sizes = arrays
@@ -37,7 +39,8 @@ def run(options: argparse.Namespace) -> None:
         base = create_base(moved, corners, sizes, options.base.stem)
     source = read_cloud(bpy.context, points, base, options.base_vertices or 0, options.cloud, options.resample or 0)
     with progress_display(points.name) as show:
-        outcome = run_to_end(reconstruct_arrays(source.arrays, options.settings), show)
+        further = None if large is None else large.measured
+        outcome = run_to_end(reconstruct_arrays(source.arrays, options.settings, further), show)
     scale = ColourScale(0.0, float(outcome.point_error.max(initial=0.0)))
     surface = create_surface(bpy.context, source, outcome, scale, keeps_functions=keeps_functions(options))
     if options.domain_maps:

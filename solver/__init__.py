@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
+    from .reconstruction.in_parts import ThinReconstruction, reconstruct_parts, reconstruct_parts_steps
     from .reconstruction.reconstruct import reconstruct, reconstruct_steps
     from .reconstruction.result import Reconstruction
     from .settings import PRESETS, CloudSettings, Settings
@@ -38,6 +39,7 @@ _NAMES = {
     "denoising.denoise": ("denoise", "denoise_steps"),
     "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
     "progress": ("FINISH", "Progress", "run_to_end"),
+    "reconstruction.in_parts": ("ThinReconstruction", "reconstruct_parts", "reconstruct_parts_steps"),
     "reconstruction.reconstruct": ("reconstruct", "reconstruct_steps"),
     "reconstruction.result": ("Reconstruction",),
     "settings": ("PRESETS", "CloudSettings", "Settings"),
@@ -63,6 +65,7 @@ __all__ = [
     "Settings",
     "SettingsError",
     "SparseSurfaceError",
+    "ThinReconstruction",
     "WorkerError",
     "approximate",
     "approximate_blocks",
@@ -72,6 +75,8 @@ __all__ = [
     "denoise_steps",
     "load",
     "reconstruct",
+    "reconstruct_parts",
+    "reconstruct_parts_steps",
     "reconstruct_steps",
     "resample",
     "resample_steps",

@@ -15,6 +15,9 @@ MOST_SPLITS = 64
 MOST_AUTOMATIC_SPLITS = 32
 """The same where the number of parts is chosen automatically."""
 
+MOST_POINTS = 500_000
+"""Points of a cloud that are fitted if nothing else is said: as many as the largest base of automatic size needs."""
+
 
 def number(default: float | int, low: float, high: float, text: str, *, soft: tuple[float, float] | None = None) -> Any:
     """Return a field that holds a number from `low` to `high`; a slider offers `soft`."""

@@ -52,10 +52,10 @@ FLOORS = (
 """Folders and modules from the ground up; each may import from those below it and from itself."""
 
 PUBLIC = """
-    approximate approximate_steps approximate_blocks approximate_blocks_steps reconstruct reconstruct_steps denoise
-    denoise_steps resample resample_steps save load Settings CloudSettings PRESETS Approximation BlockApproximation
-    BlockSurface Reconstruction Representation Report Progress FINISH run_to_end SparseSurfaceError InputError
-    SettingsError FileFormatError WorkerError Cancelled
+    approximate approximate_steps approximate_blocks approximate_blocks_steps reconstruct reconstruct_steps
+    reconstruct_parts reconstruct_parts_steps denoise denoise_steps resample resample_steps save load Settings
+    CloudSettings PRESETS Approximation BlockApproximation BlockSurface Reconstruction ThinReconstruction Representation
+    Report Progress FINISH run_to_end SparseSurfaceError InputError SettingsError FileFormatError WorkerError Cancelled
 """
 
 FILE_LINES, FUNCTION_LINES = 400, 45

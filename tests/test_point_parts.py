@@ -122,9 +122,8 @@ def test_parts_of_any_size_are_the_file(tmp_path: Path, kind: str, at_once: int)
     write, name, coloured, directed = FILES[kind]
     path = write(tmp_path / name)
     assert in_parts(path)
-    meaning, parts = Meaning(), list(PointParts(path, at_once))
-    for rows in parts:
-        meaning.see(rows)
+    source = PointParts(path, at_once)
+    parts, meaning = list(source), source.meaning
     assert [len(rows.points) for rows in parts] == [min(at_once, COUNT - k) for k in range(0, COUNT, at_once)]
     np.testing.assert_allclose(np.concatenate([rows.points for rows in parts]), POINTS, rtol=0.0, atol=1e-9)
     assert (meaning.top is not None, meaning.normals) == (coloured, directed)
@@ -189,10 +188,9 @@ def test_an_e57_in_parts(tmp_path: Path) -> None:
 
 
 def meaning_of(path: Path) -> Meaning:
-    meaning = Meaning()
-    for rows in PointParts(path, 4):
-        meaning.see(rows)
-    return meaning
+    parts = PointParts(path, 4)
+    assert list(parts)
+    return parts.meaning
 
 
 def test_one_late_row_decides_what_columns_are(tmp_path: Path) -> None:

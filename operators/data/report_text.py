@@ -49,6 +49,7 @@ def one_line(name: str, report: Report, length: Length = plain) -> str:
 def _points(given: Report) -> str:
     """Say how many points there are, and which of them do not count."""
     left_out = (
+        ("merged", translate("{} merged in cells")),
         ("strays", translate("{} strays left out")),
         ("duplicates", translate("{} doubles merged")),
         ("not_finite", translate("{} not finite")),

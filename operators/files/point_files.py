@@ -47,38 +47,45 @@ def read_point_file(path: Path) -> PointFile:
     FileFormatError
         When it cannot be read, or needs a package that is not installed.
     """
-    meaning, parts = Meaning(), []
-    for rows in PARTS[path.suffix.lower()](path, ROWS_AT_ONCE):
-        meaning.see(rows)
-        parts.append(rows)
-    if not sum(len(rows.points) for rows in parts):
-        raise InputError(f"'{path.name}' holds no points.")
-    top = meaning.top
+    parts = PointParts(path)
+    every = list(parts)
+    top = parts.meaning.top
     return PointFile(
-        np.concatenate([rows.points for rows in parts]),
-        None if top is None else np.concatenate([rows.colours for rows in parts if rows.colours is not None]) / top,
-        np.concatenate([rows.normals for rows in parts if rows.normals is not None]) if meaning.normals else None,
+        np.concatenate([rows.points for rows in every]),
+        None if top is None else np.concatenate([rows.colours for rows in every if rows.colours is not None]) / top,
+        np.concatenate([rows.normals for rows in every if rows.normals is not None]) if parts.meaning.normals else None,
     )
 
 
-@dataclass(frozen=True)
 class PointParts:
     """A file of points that is read in parts, anew each time that it is iterated over.
 
-    Attributes
+    Parameters
     ----------
     path
         Of one of the kinds in `PARTS`.
     at_once
         Rows that are read at once, where the file leaves the choice.
+
+    Attributes
+    ----------
+    meaning
+        What its colours and normals are, once all was read.
     """
 
-    path: Path
-    at_once: int = ROWS_AT_ONCE
+    def __init__(self, path: Path, at_once: int = ROWS_AT_ONCE) -> None:
+        self._path, self._at_once = path, at_once
+        self.meaning = Meaning()
 
     def __iter__(self) -> Iterator[Rows]:
-        """Yield its rows; raises `FileFormatError` where they cannot be read."""
-        return PARTS[self.path.suffix.lower()](self.path, self.at_once)
+        """Yield its rows; raises `FileFormatError` where they cannot be read, and `InputError` where there are none."""
+        self.meaning, count = Meaning(), 0
+        for rows in PARTS[self._path.suffix.lower()](self._path, self._at_once):
+            self.meaning.see(rows)
+            count += len(rows.points)
+            yield rows
+        if not count:
+            raise InputError(f"'{self._path.name}' holds no points.")
 
 
 def in_parts(path: Path) -> bool:

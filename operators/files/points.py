@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...solver.errors import FileFormatError
 from ...solver.reconstruction.cleaning import far_origin
+from ...solver.reconstruction.thinning import ThinCloud
 from ..data import meshes as mesh_data
 from ..data import points as cloud_data
 from ..data.attributes import write
@@ -20,6 +22,7 @@ from ..data.result_keys import SHIFT
 from .formats import POINTS
 from .meshes import named, read_meshes, read_objects
 from .point_files import READERS, PointFile, read_point_file
+from .point_rows import Meaning
 
 TEXT = (*READERS, ".obj")
 """Files that are read here: Blender has no importer for most, and drops the loose points of the last."""
@@ -91,10 +94,22 @@ def import_points(path: Path, *, shift: bool = False) -> Object:
     return _object_of(path.stem, read_point_file(path), shift)
 
 
+def thin_object(name: str, thin: ThinCloud, meaning: Meaning) -> Object:
+    """Put what thinning left of a file into an empty scene, as `read_points` does with all of it and `shift`."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    top = meaning.top
+    colours = None if thin.colours is None or top is None else thin.colours / top
+    return _object(name, PointFile(thin.points, colours, thin.normals if meaning.normals else None), thin.origin)
+
+
 def _object_of(name: str, found: PointFile, shift: bool) -> Object:
-    """Put points with their colours and normals into the scene."""
     origin = far_origin(found.points) if shift else np.zeros(3)
-    made = new_object(name, found.points - origin)
+    return _object(name, replace(found, points=found.points - origin), origin)
+
+
+def _object(name: str, found: PointFile, origin: NDArray[np.float64]) -> Object:
+    """Put points with their colours and normals into the scene; `origin` was subtracted from them."""
+    made = new_object(name, found.points)
     if origin.any():
         made[SHIFT] = [float(value) for value in origin]
     if found.colours is not None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Indices
 from ..surface.container import INDICES, REAL, Format, Layer, pack, unpack
 from ..surface.representation import Representation
-from .spread import Spread
+from ..surface.spread import Spread
 from .turning import Turning
 
 NUMBERS = ("<i2", *INDICES)

@@ -12,11 +12,11 @@ from ..arrays import Array, Booleans, Indices, any_of, length_of
 from ..mesh.edges import connected_parts
 from ..mesh.sampling import MEASURED_SAMPLES
 from ..progress import Progress, Steps
+from ..surface.spread import Spread
 from .cut import Cut
 from .folder import JobFolder
 from .large_mesh import ROWS_AT_ONCE, LargeMesh, narrow_type, numbered_parts, parts_of
 from .scratch import Scratch
-from .spread import Spread
 from .triangle_index import IndexMaker
 from .turning import Turning
 

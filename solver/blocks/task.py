@@ -19,9 +19,9 @@ from ..progress import FINISH, Steps, run_to_end
 from ..settings import Settings
 from ..surface.metrics import surface_error
 from ..surface.representation import Representation
+from ..surface.spread import Spread
 from .content import SolvedBlock
 from .shares import shares_of
-from .spread import Spread
 from .turning import Turning
 
 TRIANGLES_AT_ONCE = 100_000

@@ -116,13 +116,13 @@ def clean(
     """
     rows = _rows(points)
     finite = np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)
-    _refuse_few(int(finite.sum()), len(rows))
+    refuse_few(int(finite.sum()), len(rows))
     places = rows[finite]
     if float(np.ptp(places, axis=0).max()) == 0.0:
         raise InputError("All the points are at one place.")
     merged, number = _merged(places)
     stray = np.zeros(len(merged), dtype=bool) if keep_strays else stray_points(merged)
-    _refuse_few(len(merged) - int(stray.sum()), len(rows))
+    refuse_few(len(merged) - int(stray.sum()), len(rows))
     source, strays = np.full(len(rows), -1), np.zeros(len(rows), dtype=bool)
     source[finite] = np.where(stray, -1, np.cumsum(~stray) - 1)[number]
     strays[finite] = stray[number]
@@ -164,7 +164,14 @@ def _rows(points: ArrayLike) -> Array:
     return array.reshape(-1, 3)
 
 
-def _refuse_few(left: int, rows: int) -> None:
+def refuse_few(left: int, rows: int) -> None:
+    """Refuse a cloud of which too few rows can be used.
+
+    Raises
+    ------
+    InputError
+        When fewer than four are left.
+    """
     if left < FEWEST_POINTS:
         where = f"there are {rows}" if left == rows else f"of {rows} only {left} can be used"
         raise InputError(f"A surface needs at least {FEWEST_POINTS} points; {where}.")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..interchange import CloudArrays, CloudOutcome
@@ -9,12 +11,17 @@ from ..progress import Steps, within
 from ..settings import MOST_AUTOMATIC_SPLITS, Settings
 from ..surface.metrics import domain_changes, strongest_patch
 from ..surface.resampling import resample_steps
-from .cleaning import clean
+from .cleaning import CleanCloud, clean
 from .made_base import make_base_steps
 from .reconstruct import reconstruct_clean
+from .result import Reconstruction
 
 BASE_SHARE = 0.2
 """Share of a run's time that making the base takes."""
+
+
+FITTED = 0.85
+"""Share of a run after which something further is done with the result."""
 
 
 def automatic_splits(points: int, triangles: int) -> int:
@@ -25,8 +32,12 @@ def automatic_splits(points: int, triangles: int) -> int:
     return int(np.clip(round(np.sqrt(2.0 * points / max(triangles, 1))), 1, MOST_AUTOMATIC_SPLITS))
 
 
-def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOutcome]:
-    """Make a base where none is given, reconstruct, and evaluate the surface as a mesh."""
+Further = Callable[[Reconstruction, CleanCloud], Steps[Reconstruction]]
+"""What is still to be done with a result, given the points that it was fitted to."""
+
+
+def reconstruct_arrays(arrays: CloudArrays, settings: Settings, further: Further | None = None) -> Steps[CloudOutcome]:
+    """Make a base where none is given, reconstruct, do what `further` does, and evaluate the surface as a mesh."""
     made, start, found = None, 0.0, {}
     normals = None if arrays.normals is None else arrays.normals.astype(np.float64)
     points = clean(arrays.points, arrays.cloud.strays == "keep", np.array(arrays.shift), normals)
@@ -39,7 +50,10 @@ def reconstruct_arrays(arrays: CloudArrays, settings: Settings) -> Steps[CloudOu
         found = {"holes_closed": base.holes_closed} if arrays.cloud.close_holes else {}
         vertices, polygons = made[0], list(base.triangles)
     fitting = reconstruct_clean(points, vertices, polygons, settings, arrays.cloud)
-    result = yield from within(fitting, start, 0.97)
+    fitted = 0.97 if further is None else FITTED
+    result = yield from within(fitting, start, fitted)
+    if further is not None:
+        result = yield from within(further(result, points), fitted, 0.97)
     representation = result.representation
     splits = arrays.splits or automatic_splits(len(points.points), len(representation.triangles))
     fine = yield from within(resample_steps(representation, splits), 0.97, 1.0)

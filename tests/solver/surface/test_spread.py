@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from sparse_surface.solver.blocks.spread import Spread
+from sparse_surface.solver.surface.spread import Spread
 
 
 def test_parts_give_what_the_whole_gives() -> None:
