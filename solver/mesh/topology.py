@@ -36,10 +36,13 @@ def _sides_by_edge(
     triangles: Indices, following: Indices, proper: Booleans, vertex_count: int
 ) -> tuple[Indices, Indices, Indices]:
     """Sides sorted by the edge that they run along, where each edge's begin, (E,), and how many it has, (E,)."""
-    sides = np.flatnonzero(np.repeat(proper, 3))
-    key = edge_keys(triangles.reshape(-1)[sides], following.reshape(-1)[sides], vertex_count)
+    key = edge_keys(triangles.reshape(-1), following.reshape(-1), vertex_count)
+    sides: Indices | None = None
+    if not proper.all():
+        sides = np.flatnonzero(np.repeat(proper, 3))
+        key = key[sides]
     order = stable_order(key)
-    sides, key = sides[order], key[order]
+    sides, key = order if sides is None else sides[order], key.take(order)
     first = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1]))) if len(key) else np.zeros(0, np.int64)
     return sides, first, np.diff(np.concatenate((first, [len(key)])))
 
@@ -59,7 +62,8 @@ def fans_between_creases(triangles: Indices, creases: Indices, vertex_count: int
     sides, first, count = _sides_by_edge(triangles, following, proper, vertex_count)
     two = first[count == 2]
     pairs = np.stack((sides[two], sides[two + 1]), axis=1)
-    key = edge_keys(triangles.reshape(-1)[pairs[:, 0]], following.reshape(-1)[pairs[:, 0]], vertex_count)
+    starts, ends = (own.reshape(-1).take(sides[two]) for own in (triangles, following))
+    key = edge_keys(starts, ends, vertex_count)
     cut = np.isin(key, edge_keys(creases[:, 0], creases[:, 1], vertex_count))
     nodes, node_vertex = split_into_fans(triangles, following, pairs[~cut], proper, vertex_count)
     return nodes, node_vertex, pairs[cut]
@@ -114,18 +118,16 @@ def split_into_fans(
     triangles: Indices, following: Indices, joined: Indices, proper: Booleans, vertex_count: int
 ) -> tuple[Indices, Indices]:
     """Give every fan of triangles around a vertex a node; return the nodes of corners and the vertices of nodes."""
-    one, two = joined[:, 0], joined[:, 1]
-    one_end, two_end = (3 * (side // 3) + (side % 3 + 1) % 3 for side in (one, two))
-    opposed = triangles.reshape(-1)[one] == following.reshape(-1)[two]
-    links = np.concatenate(
-        (
-            np.stack((one, np.where(opposed, two_end, two)), axis=1),
-            np.stack((one_end, np.where(opposed, two, two_end)), axis=1),
-        )
-    )
-    _, fan = connected_parts(links[:, 0], links[:, 1], triangles.size)
-    corners = np.flatnonzero(np.repeat(proper, 3))
-    vertex, fan = triangles.reshape(-1)[corners], fan[corners]
+    one, two = np.ascontiguousarray(joined.T)
+    one_end, two_end = (np.where(side % 3 == 2, side - 2, side + 1) for side in (one, two))
+    opposed = triangles.reshape(-1).take(one) == following.reshape(-1).take(two)
+    other = np.where(opposed, two_end, two), np.where(opposed, two, two_end)
+    _, fan = connected_parts(np.concatenate((one, one_end)), np.concatenate(other), triangles.size)
+    vertex: Indices = triangles.reshape(-1)
+    corners: Indices | slice = slice(None)
+    if not proper.all():
+        corners = np.flatnonzero(np.repeat(proper, 3))
+        vertex, fan = vertex[corners], fan[corners]
     # parts are numbered by their lowest corners, so a fan's number says which of a vertex's comes first
     node_of_fan = np.full(triangles.size, -1, dtype=np.int64)
     node_of_fan[fan] = vertex
@@ -137,7 +139,7 @@ def split_into_fans(
     node_vertex = np.concatenate((np.arange(vertex_count), node_of_fan[extra]))
     node_of_fan[extra] = vertex_count + np.arange(len(extra))
     nodes = triangles.copy().reshape(-1)
-    nodes[corners] = node_of_fan[fan]
+    nodes[corners] = node_of_fan.take(fan)
     return nodes.reshape(-1, 3), node_vertex
 
 

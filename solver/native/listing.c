@@ -31,19 +31,47 @@ static int64_t moved(const int64_t *opposite, int64_t place, int64_t move) {
     return end < 0 ? NOWHERE : turned(end, (move - 1) % 3);
 }
 
-/* Sums over ranges whose sizes are powers of two, (n + 1): how many numbers are left there. */
-static int64_t found_left(const int64_t *sums, int64_t count, int64_t rank) {
-    int64_t place = 0, size = 1;
-    while (2 * size <= count) size *= 2;
-    for (; size; size /= 2)
-        if (place + size <= count && sums[place + size] <= rank) {
-            place += size;
-            rank -= sums[place];
-        }
-    return place;
+/* Which of n numbers are left: a bit each, and sums of 64 bits each over ranges of words whose sizes are powers of two. */
+typedef struct {
+    int64_t words;
+    uint64_t *bit; /* (words) */
+    int64_t *sum;  /* (words + 1) */
+} Left;
+
+static bool all_left(Left *left, int64_t count) {
+    left->words = count / 64 + 1;
+    left->bit = malloc((size_t)left->words * sizeof *left->bit);
+    left->sum = malloc(((size_t)left->words + 1) * sizeof *left->sum);
+    if (!left->bit || !left->sum) return false;
+    memset(left->bit, 0xff, (size_t)left->words * sizeof *left->bit);
+    for (int64_t k = 0; k <= left->words; k++) left->sum[k] = 64 * (k & -k);
+    return true;
 }
 
-static int32_t list_places(const Listing *own, int64_t *sums, uint8_t *taken) {
+/* The number that as many others that are left come before; there is one. */
+static int64_t find_left(const Left *left, int64_t rank) {
+    int64_t word = 0, size = 1;
+    while (2 * size <= left->words) size *= 2;
+    for (; size; size /= 2)
+        if (word + size <= left->words && left->sum[word + size] <= rank) {
+            word += size;
+            rank -= left->sum[word];
+        }
+    uint64_t bits = left->bit[word];
+    while (rank--) bits &= bits - 1;
+    return 64 * word + __builtin_ctzll(bits);
+}
+
+/* Take a number away; false where it is not left. */
+static bool take_away(Left *left, int64_t number) {
+    uint64_t own = (uint64_t)1 << number % 64;
+    if (!(left->bit[number / 64] & own)) return false;
+    left->bit[number / 64] -= own;
+    for (int64_t k = number / 64 + 1; k <= left->words; k += k & -k) left->sum[k]--;
+    return true;
+}
+
+static int32_t list_places(const Listing *own, Left *left) {
     int64_t place = NOWHERE, back = NOWHERE, backs = 0, jumps = 0;
     for (int64_t n = 0; n < own->items; n++) {
         int64_t move = own->move[n];
@@ -56,14 +84,12 @@ static int32_t list_places(const Listing *own, int64_t *sums, uint8_t *taken) {
                 place = moved(own->opposite, back, move);
             } else {
                 if (jumps == own->jumps || own->jump[jumps] >= own->items - n) return CUT_SHORT;
-                place = turned(own->first[found_left(sums, own->items, own->jump[jumps])], own->turn[jumps]);
+                place = turned(own->first[find_left(left, own->jump[jumps])], own->turn[jumps]);
                 jumps++;
             }
             back = place;
         }
-        if (place < 0 || taken[own->item[place]]) return CUT_SHORT;
-        taken[own->item[place]] = 1;
-        for (int64_t k = own->item[place] + 1; k <= own->items; k += k & -k) sums[k]--;
+        if (place < 0 || !take_away(left, own->item[place])) return CUT_SHORT;
         own->place[n] = place;
     }
     return DONE;
@@ -71,15 +97,9 @@ static int32_t list_places(const Listing *own, int64_t *sums, uint8_t *taken) {
 
 /* Find the place to which each item leads. */
 int32_t ENTRY(places_listed)(const Listing *own) {
-    size_t items = (size_t)own->items;
-    int64_t *sums = malloc((items + 1) * sizeof *sums);
-    uint8_t *taken = calloc(items + 1, 1);
-    int32_t status = OUT_OF_MEMORY;
-    if (sums && taken) {
-        for (int64_t k = 0; k <= own->items; k++) sums[k] = k & -k;
-        status = list_places(own, sums, taken);
-    }
-    free(sums);
-    free(taken);
+    Left left = {0, NULL, NULL};
+    int32_t status = all_left(&left, own->items) ? list_places(own, &left) : OUT_OF_MEMORY;
+    free(left.bit);
+    free(left.sum);
     return status;
 }

@@ -32,7 +32,7 @@ def _address(array: NDArray[Any]) -> c_void_p:
 class Parallelograms:
     """Links (Q, 4) of corners target, a, b, c: `surface.format.positions` says what they suggest."""
 
-    def __init__(self, links: Indices) -> None:
+    def __init__(self, links: NDArray[np.int32]) -> None:
         self.links = np.ascontiguousarray(links, dtype=np.int32)
 
     def means(self, positions: Array, sizes: Array, used: Indices, owner: Indices, count: int) -> Array:

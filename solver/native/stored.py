@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ..arrays import Booleans, Indices
 from .library import function
 
+Places = NDArray[np.int64] | NDArray[np.int32]
+
 CUT_SHORT = 4
 """What the kernel returns where a file holds less than it says, or numbers that lead nowhere."""
 
@@ -111,14 +113,14 @@ class _Order(Structure):
     )
 
 
-def rows_of_links(targets: Indices, sources: Indices) -> NDArray[np.int32]:
+def rows_of_links(targets: Places, sources: Places) -> NDArray[np.int32]:
     """Targets (Q,) and what predicts them, (Q, n), as rows (Q, 1 + n)."""
     rows = np.empty((len(targets), 1 + sources.shape[1]), dtype=np.int32)
     rows[:, 0], rows[:, 1:] = targets, sources
     return rows
 
 
-def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
+def rounds(targets: Places, sources: Places, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
     """Yield what `surface.format.growth.rounds` yields; `known` is changed before the first round."""
     count, places = len(targets), len(known)
     rows = rows_of_links(targets, sources)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ...arrays import Array, Booleans, Indices
@@ -17,6 +18,8 @@ from ...native import stored
 from ...native.library import reason_against
 from ..container import demand
 from .entropy import CONTEXTS, NumberReader, NumberWriter, whole_numbers
+
+Places = NDArray[np.int64] | NDArray[np.int32]
 
 
 class Coder(Protocol):
@@ -81,7 +84,7 @@ class Reading:
         return values
 
 
-def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
+def rounds(targets: Places, sources: Places, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
     """Go through places in the order in which they become known.
 
     Parameters
@@ -100,7 +103,7 @@ def rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tupl
     return _rounds(targets, sources, known) if reason_against() else stored.rounds(targets, sources, known)
 
 
-def _rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
+def _rounds(targets: Places, sources: Places, known: Booleans) -> Iterator[tuple[Indices, Indices, Indices]]:
     count, width = sources.shape
     ones, bounds = np.ones(count * width, dtype=np.int8), np.arange(0, count * width + 1, width)
     from_source = csr_array((ones, sources.ravel(), bounds), shape=(count, len(known))).tocsc()
@@ -124,7 +127,7 @@ def _rounds(targets: Indices, sources: Indices, known: Booleans) -> Iterator[tup
         fresh = places
 
 
-def _each_once(numbers: Indices, marks: Booleans) -> Indices:
+def _each_once(numbers: Places, marks: Booleans) -> Indices:
     """Return the numbers, each once, ascending; `marks` are all false, and stay so.  (Faster than sorting them.)"""
     marks[numbers] = True
     found = np.flatnonzero(marks)

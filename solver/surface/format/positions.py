@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array, Indices
 from ...mesh.edges import connected_parts, edge_keys, stable_order
@@ -43,7 +44,9 @@ def code_positions(triangles: Indices, steps: Array, code: Coder) -> Array:
     return positions
 
 
-def _means(links: Indices, positions: Array, sizes: Array, used: Indices, owner: Indices, count: int) -> Array:
+def _means(
+    links: NDArray[np.int32], positions: Array, sizes: Array, used: Indices, owner: Indices, count: int
+) -> Array:
     """Means of what links suggest and of the sizes of their ends, (count, 6), over those that each owner has."""
     a, b, c = (links[used, k] for k in (1, 2, 3))
     suggested = positions[a] + positions[b] - positions[c]
@@ -51,15 +54,18 @@ def _means(links: Indices, positions: Array, sizes: Array, used: Indices, owner:
     return mean_of(np.concatenate([suggested, off], axis=1), owner, count)
 
 
-def _across_edges(triangles: Indices) -> tuple[Indices, Indices]:
+def _across_edges(triangles: Indices) -> tuple[NDArray[np.int32], Indices]:
     """Return links (target, a, b, c), and the first triangle of each part that edges connect."""
-    start, end = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
-    keys = edge_keys(start, end, int(triangles.max(initial=0)) + 1)
+    far = triangles.astype(np.int32).ravel()
+    start, end = (np.roll(far.reshape(-1, 3), -k, axis=1).ravel() for k in (1, 2))
+    keys = edge_keys(start.astype(np.int64), end.astype(np.int64), int(triangles.max(initial=0)) + 1)
     order = stable_order(keys)
     same = np.flatnonzero(np.diff(keys[order]) == 0)
     one, two = order[same], order[same + 1]
-    far = triangles.ravel()
-    links = np.stack([far[one], start[one], end[one], far[two]], axis=1)
-    back = links[:, [3, 1, 2, 0]]
+    links = np.empty((2, len(one), 4), dtype=np.int32)
+    links[0, :, 0] = links[1, :, 3] = far.take(one)
+    links[0, :, 3] = links[1, :, 0] = far.take(two)
+    links[:, :, 1], links[:, :, 2] = start.take(one), end.take(one)
     _, part = connected_parts(one // 3, two // 3, len(triangles))
-    return np.concatenate([links, back]), np.unique(part, return_index=True)[1]
+    # parts are numbered by their first triangles
+    return links.reshape(-1, 4), np.flatnonzero(np.diff(np.maximum.accumulate(part), prepend=-1))
