@@ -34,6 +34,7 @@ venv: ## set up .venv (Python 3.11 or 3.13 as found, or PYTHON=...)
 	@python="$$(scripts/find_python.sh 3.11 3.13)" && \
 		"$$python" scripts/environment.py $(VENV) test development solver blender --editable
 	@$(PY) scripts/build_native.py --if-needed
+	@$(PY) -m compileall -q __init__.py __main__.py benchmarks command_line operators solver ui # hundreds of tests start the command
 
 demo: venv ## approximate two models, or MODEL=file, in Blender; results in out/
 	@$(PY) scripts/demo.py $(if $(MODEL),"$(MODEL)")

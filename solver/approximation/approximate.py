@@ -19,6 +19,7 @@ from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..patches.observations import MeshObservations, checked_weights
 from ..patches.patches import Patches
 from ..patches.splitting import with_domains
+from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, run_to_end, within
 from ..settings import Settings
 from ..surface.bounds import error_bounds
@@ -119,6 +120,7 @@ def approximate_steps(
     return (yield from _steps(given, settings, executor))
 
 
+@on_one_thread
 def _steps(given: MeshInput, settings: Settings | None, executor: Executor | None) -> Steps[Approximation]:
     settings, watch = Settings.given(settings).resolved(), Stopwatch()
     welded = held_together(given, settings)

@@ -15,6 +15,7 @@ from ..mesh.edges import connected_parts
 from ..mesh.normals import triangle_areas
 from ..mesh.sampling import MEASURED_SAMPLES
 from ..mesh.triangulation import triangulate
+from ..processes.threads import on_one_thread
 from ..progress import FINISH, Steps, run_to_end
 from ..settings import Settings
 from ..surface.metrics import surface_error
@@ -84,6 +85,7 @@ def solve_block(task: BlockTask) -> bytes:
     return run_to_end(solve_block_steps(task))
 
 
+@on_one_thread
 def solve_block_steps(task: BlockTask) -> Steps[bytes]:
     """`solve_block` as a generator of `Progress`; closing it cancels, sending `FINISH` ends it early."""
     offsets = task.offsets

@@ -149,6 +149,7 @@ def denoise(
     return replace(run_to_end(steps, report), given=given)
 
 
+@on_one_thread
 def denoise_steps(
     vertices: ArrayLike,
     faces: ArrayLike | list[list[int]],
@@ -164,7 +165,7 @@ def denoise_steps(
     mesh = build_mesh(given, faces, triangles)
     marked = checked_edges(sharp_edges, len(mesh.vertices))
     surface = build_surface(mesh, cut_along_marked(mesh, marked) if len(marked) else None)
-    return (yield from on_one_thread(_denoised(given, mesh, surface, noise_level, strength)))
+    return (yield from _denoised(given, mesh, surface, noise_level, strength))
 
 
 def _denoised(

@@ -17,6 +17,7 @@ import numpy as np
 from ..arrays import Array, Booleans
 from ..errors import InputError
 from ..mesh.normals import face_normals
+from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps
 from .motions import moved_by, placing, small_motion
 from .shared_polygons import SHARED, TRIANGLES, Corners, move_corners
@@ -76,6 +77,7 @@ class Alignment:
         return {name: getattr(self, name) for name in names}
 
 
+@on_one_thread
 def align_steps(a: Surface, b: Surface, *, scaled: bool = False) -> Steps[Alignment]:
     """Move A onto B; with `scaled` its size may change.
 

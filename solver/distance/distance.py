@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..processes.memory import peak_memory_mb
+from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps, run_to_end, within
 from ..version import VERSION
 from .alignment import Alignment, align_steps
@@ -108,6 +109,7 @@ def distance(a: Any, b: Any, settings: DistanceSettings | None = None) -> Distan
     return run_to_end(distance_steps(one, other, settings))
 
 
+@on_one_thread
 def distance_steps(a: Surface, b: Surface, settings: DistanceSettings | None = None) -> Steps[Distances]:
     """Do `distance` step by step; there is nothing to finish early."""
     settings = settings or DistanceSettings()

@@ -7,9 +7,10 @@ small system where it has more than one, so that the last bit would depend on th
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from functools import lru_cache
-from typing import Any, TypeVar
+from functools import lru_cache, wraps
+from typing import Any, ParamSpec, TypeVar
 
 import scipy.linalg  # noqa: F401  its BLAS has to be loaded before threads are counted
 import threadpoolctl
@@ -18,6 +19,7 @@ from threadpoolctl import ThreadpoolController
 from ..progress import Steps, relayed
 
 Result = TypeVar("Result")
+Given = ParamSpec("Given")
 
 
 @lru_cache(maxsize=1)
@@ -62,6 +64,11 @@ def one_thread() -> AbstractContextManager[Any]:
     return _LIMIT
 
 
-def on_one_thread(steps: Steps[Result]) -> Steps[Result]:
+def on_one_thread(make: Callable[Given, Steps[Result]]) -> Callable[Given, Steps[Result]]:
     """Run each step of a computation on one BLAS thread; between the steps the caller has its own number again."""
-    return relayed(steps, around=one_thread)
+
+    @wraps(make)
+    def limited(*args: Given.args, **kwargs: Given.kwargs) -> Steps[Result]:
+        return relayed(make(*args, **kwargs), around=one_thread)
+
+    return limited

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Indices
 from ..errors import InputError
 from ..mesh.decimation import decimated
+from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps, run_to_end
 from .base import (
     BORDER_SPACINGS,
@@ -107,6 +108,7 @@ def make_base(points: ArrayLike, count: int = 0, close_holes: float = 0.0) -> Ba
     return run_to_end(make_base_steps(clean(points).points, count, close_holes))
 
 
+@on_one_thread
 def make_base_steps(
     points: Array, count: int = 0, close_holes: float = 0.0, outward: Array | None = None
 ) -> Steps[Base]:

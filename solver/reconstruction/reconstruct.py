@@ -28,6 +28,7 @@ from ..mesh.closest_points import Footpoints
 from ..mesh.objects import given_mesh
 from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
+from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import CloudSettings, Settings
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
@@ -115,6 +116,7 @@ def reconstruct(
     return run_to_end(reconstruct_steps(points, base.vertices, base.faces, settings, cloud, executor=executor), report)
 
 
+@on_one_thread
 def reconstruct_steps(
     points: ArrayLike,
     base_vertices: ArrayLike,
@@ -130,6 +132,7 @@ def reconstruct_steps(
     return (yield from reconstruct_clean(found, base_vertices, base_faces, settings, cloud, executor=executor))
 
 
+@on_one_thread
 def reconstruct_clean(
     points: CleanCloud,
     base_vertices: ArrayLike,

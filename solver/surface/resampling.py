@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Booleans, Indices
 from ..errors import InputError
 from ..mesh.edges import edge_keys
+from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps, run_to_end
 from .representation import Representation
 from .subdivision import Grid, subdivided
@@ -183,6 +184,7 @@ def resample(representation: Representation, splits: int) -> Resampled:
     return run_to_end(resample_steps(representation, splits))
 
 
+@on_one_thread
 def resample_steps(representation: Representation, splits: int) -> Steps[Resampled]:
     """`resample` as a generator of `Progress`; closing it cancels."""
     splits = checked_splits(splits, len(representation.face_corners))
