@@ -58,7 +58,7 @@ def read_point_file(path: Path) -> PointFile:
 
 
 class PointParts:
-    """A file of points that is read in parts, anew each time that it is iterated over.
+    """A file of points that is read in parts, again each time that it is iterated over.
 
     Parameters
     ----------

@@ -182,7 +182,7 @@ class PlainGrowth:
         return self._growing.sizes
 
     def begin(self, seeds: Indices) -> None:
-        """Begin anew with patches of one triangle each, (P,)."""
+        """Start again with patches of one triangle each, (P,)."""
         self._triangle_claims.clear()
         start = self._neighbours, self._normals, seeds, self._least_cosine, self._triangle_claims
         self._growing = GrowingPatches(*start)

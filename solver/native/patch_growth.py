@@ -77,7 +77,7 @@ class NativeGrowth:
         self.begin(np.zeros(0, dtype=np.int64))
 
     def begin(self, seeds: Indices) -> None:
-        """Begin anew with patches of one triangle each, (P,)."""
+        """Start again with patches of one triangle each, (P,)."""
         count = len(seeds)
         self._members = np.empty((count, self._room), dtype=np.int64)
         self._members[:, 0] = seeds

@@ -74,7 +74,9 @@ def as_parts(points: ArrayLike | Parts) -> Parts:
         When it can be read only once, or is no array of three numbers each.
     """
     if isinstance(points, Iterator):
-        raise InputError("Points in parts are read several times: give what begins anew in each loop, not a generator.")
+        raise InputError(
+            "Points in parts are read several times: give something that can be looped over again, not a generator."
+        )
     array_like = hasattr(points, "__array__") or hasattr(points, "__len__")
     if not array_like or (isinstance(points, (list, tuple)) and len(points) and np.ndim(points[0]) != 1):
         return points  # type: ignore[return-value]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..interchange import CloudArrays, CloudOutcome
+from ..processes.threads import on_one_thread
 from ..progress import Steps, within
 from ..settings import MOST_AUTOMATIC_SPLITS, Settings
 from ..surface.metrics import domain_changes, strongest_patch
@@ -36,6 +37,7 @@ Further = Callable[[Reconstruction, CleanCloud], Steps[Reconstruction]]
 """What is still to be done with a result, given the points that it was fitted to."""
 
 
+@on_one_thread
 def reconstruct_arrays(arrays: CloudArrays, settings: Settings, further: Further | None = None) -> Steps[CloudOutcome]:
     """Make a base where none is given, reconstruct, do what `further` does, and evaluate the surface as a mesh."""
     made, start, found = None, 0.0, {}

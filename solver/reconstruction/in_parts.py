@@ -17,6 +17,7 @@ from ..mesh.closest_points import Footpoints
 from ..mesh.objects import given_mesh
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.each import Each
+from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import MOST_POINTS, CloudSettings, Settings
 from ..surface.spread import Spread
@@ -102,6 +103,7 @@ def reconstruct_parts(
     return run_to_end(steps, report)
 
 
+@on_one_thread
 def reconstruct_parts_steps(
     points: ArrayLike | Parts,
     base_vertices: ArrayLike | None = None,

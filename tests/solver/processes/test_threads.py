@@ -14,6 +14,7 @@ from sparse_surface.solver import (
     approximate,
     approximate_steps,
     denoise_steps,
+    reconstruct_parts_steps,
     reconstruct_steps,
     resample_steps,
 )
@@ -50,6 +51,7 @@ COMPUTATIONS: dict[str, Callable[[], Steps[Any]]] = {
     "approximate": lambda: approximate_steps(*sheet()),
     "denoise": lambda: denoise_steps(*sheet()),
     "reconstruct": lambda: reconstruct_steps(sheet()[0], *sheet()),
+    "reconstruct_parts": lambda: reconstruct_parts_steps(sheet()[0], *sheet()),
     "make_base": lambda: make_base_steps(sheet()[0]),
     "resample": lambda: resample_steps(approximate(*sheet()).representation, 1),
     "distance": lambda: distance_steps(surface(), surface()),

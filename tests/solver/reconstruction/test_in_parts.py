@@ -68,7 +68,7 @@ def test_a_column_that_a_part_lacks_is_missing_from_its_batch_only() -> None:
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        (iter([np.zeros((4, 3))]), "read several times: give what begins anew"),
+        (iter([np.zeros((4, 3))]), "read several times: give something that can be"),
         (np.zeros((4, 2)), r"three numbers each, not of shape \(4, 2\)"),
         ([[0.0, 1.0], [2.0, 3.0]], r"three numbers each, not of shape \(2, 2\)"),
         ([np.zeros((4, 3)), np.zeros((4, 5))], r"three numbers each, not of shape \(4, 5\)"),
