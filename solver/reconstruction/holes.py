@@ -68,6 +68,8 @@ def without_small_holes(vertices: Array, triangles: Indices, widest: float) -> t
     """Close the holes of a manifold that are at most `widest` wide by fans around their middles."""
     middles, fans = [vertices], [triangles]
     for loop in border_loops(triangles):
+        if len(loop) < 3:  # what is left of a border where parts meet at single vertices
+            continue
         if np.ptp(vertices[loop], axis=0).max() <= widest and pdist(vertices[loop]).max() <= widest:
             tip = np.full(len(loop), len(vertices) + len(middles) - 1)
             fans.append(np.stack([np.roll(loop, -1), loop, tip], axis=1))

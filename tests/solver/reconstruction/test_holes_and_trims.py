@@ -12,7 +12,7 @@ from sparse_surface.solver import CloudSettings, Settings, reconstruct, run_to_e
 from sparse_surface.solver.errors import InputError, SettingsError
 from sparse_surface.solver.interchange import CloudArrays, CloudOutcome
 from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
-from sparse_surface.solver.reconstruction.holes import border_loops, least_area
+from sparse_surface.solver.reconstruction.holes import border_loops, least_area, without_small_holes
 from sparse_surface.solver.reconstruction.trimming import cut
 
 QUICK = Settings(workers=1, iterations=4)
@@ -206,3 +206,12 @@ def test_a_cut_leaves_what_is_on_this_side() -> None:
         areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
         assert (areas > 0.0).all()
         assert areas.sum() == pytest.approx(1.6 if side > 0.0 else 2.4, abs=2e-3)
+
+
+def test_borders_of_parts_that_meet_at_vertices_are_no_holes() -> None:
+    """Three triangles, of which the middle one meets both others at a corner: its border has no way around."""
+    triangles = np.array([[0, 1, 2], [0, 3, 4], [1, 5, 6]])
+    vertices = np.random.default_rng(0).uniform(size=(7, 3))
+    closed, filled = without_small_holes(vertices, triangles, 1e-6)
+    np.testing.assert_array_equal(closed, vertices)
+    np.testing.assert_array_equal(filled, triangles)
