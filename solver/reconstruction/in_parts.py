@@ -151,7 +151,7 @@ def against_all(
         for batch in batches(parts):
             yield Progress("Measuring all points", min(finite / thin.extent.rows, 1.0))
             points = batch.points[np.isfinite(batch.points).all(axis=1)]
-            number = thin.grid.find(points)
+            number = thin.find(points)
             finite += len(points)
             if (number < 0).any():
                 raise InputError(CHANGED)

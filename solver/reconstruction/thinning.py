@@ -2,11 +2,12 @@
 
 The grid is the finest that leaves no more points than asked for.  Which one that is shows while the points are read:
 cells are made twice as long whenever there are too many, and what they hold is added up.  So the points that are left
-do not depend on how the cloud is read nor, but for rounding, on its order.
+do not depend on how the cloud is read nor, but for rounding, on its order.  At the end thin cells join neighbours.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,13 +24,17 @@ BITS = 26
 """Cells of the finest grid along each axis are two to this power."""
 
 GRIDS = 3
-"""Grids whose cells differ by equal factors below two: the finest leaves about 0.6 of the points asked for, or more."""
+"""Grids whose cells differ by equal factors below two: the finest has about 0.6 of the cells asked for, or more."""
 
 OFF_CENTRE = 0.1180339887
 """A grid exceeds the points by this share of their longest side: the middle of a symmetric cloud is then no border."""
 
 SHARE_OF_NEW = 4
 """New cells wait until they are more than the points asked for, divided by this, and then take their places."""
+
+THIN = 0.25
+"""A cell with fewer rows than this share of a neighbour's becomes part of that one.  Where the surface passes near a
+side of a cell, the cell behind holds only the edge of the noise, and its mean would count as much as any other."""
 
 CHANGED = "The points changed while they were read."
 
@@ -79,17 +84,19 @@ class ThinCloud:
     Attributes
     ----------
     points
-        Means of the rows in each cell, (K, 3), less `origin`.
+        Means of the rows in each cell, (K, 3), less `origin`; a thin cell is part of a neighbour.
     colours, normals
         Means of what the rows have, (K, 3), or None where a row has none.
     counts
-        Rows in each cell, (K,).
+        Rows that became each point, (K,).
     extent
         Of all rows.
     origin
         What was subtracted from the coordinates, (3,).
     grid
         Which cell a row is in.
+    point_of_cell
+        And which point that became, (C,).
     """
 
     points: Array
@@ -99,6 +106,12 @@ class ThinCloud:
     extent: Extent
     origin: Array
     grid: Grid
+    point_of_cell: Indices
+
+    def find(self, points: Array) -> Indices:
+        """Return which point each row at (n, 3) became, -1 where it is in a cell that no row was in."""
+        cell = self.grid.find(points)
+        return np.where(cell >= 0, self.point_of_cell[cell], -1)
 
     @property
     def merged(self) -> int:
@@ -149,11 +162,13 @@ def thin_steps(parts: Parts, most: int = MOST_POINTS, *, shift: bool = False, ex
 
 
 def _thinned(grid: Grid, extent: Extent, shift: bool) -> ThinCloud:
-    origin, means = far_origin(extent.box) if shift else np.zeros(3), grid.means
+    origin, owner = far_origin(extent.box) if shift else np.zeros(3), grid.owners()
+    kept, point_of_cell = np.unique(owner, return_inverse=True)
+    means, counts = grid.means(point_of_cell, len(kept))
     points = means[:, :3] + (grid.corner - origin)
     colours = means[:, 3:6] if extent.coloured else None
     normals = means[:, -3:] if extent.directed else None
-    return ThinCloud(points, colours, normals, grid.counts, extent, origin, grid)
+    return ThinCloud(points, colours, normals, counts, extent, origin, grid, point_of_cell.reshape(-1))
 
 
 def _extent_steps(parts: Parts, expected: int) -> Steps[Extent]:
@@ -198,15 +213,28 @@ class Grid:
         """Length of a cell's sides."""
         return float(self._finest * 2.0**self._halved)
 
-    @property
-    def counts(self) -> Indices:
-        """Rows in each cell, (K,)."""
-        return self._sums.counts
+    def owners(self) -> Indices:
+        """Return for each cell (C,) the one whose part it becomes: itself unless it is thin."""
+        counts = self._sums.counts
+        fullest, most = np.arange(len(counts)), counts.copy()
+        for step in itertools.product((-1.0, 0.0, 1.0), repeat=3):
+            known, place = self._sums.place(_numbered(self._sums.cells + step))
+            fuller = known & (counts[place] > most)
+            fullest[fuller], most[fuller] = place[fuller], counts[place[fuller]]
+        owner = np.where(counts < THIN * most, fullest, np.arange(len(counts)))
+        while (owner[owner] != owner).any():  # the fullest neighbour may be thin beside another
+            owner = owner[owner]
+        return owner
 
-    @property
-    def means(self) -> Array:
-        """Means of what was added, (K, columns)."""
-        return self._sums.sums / self._sums.counts[:, None]
+    def means(self, group: Indices, count: int) -> tuple[Array, Indices]:
+        """Return means of what was added in each of `count` groups of cells, (count, columns), and rows, (count,).
+
+        Cells say their groups, (C,).
+        """
+        counts, sums = np.zeros(count, np.int64), np.zeros((count, self._sums.sums.shape[1]))
+        np.add.at(counts, group, self._sums.counts)
+        np.add.at(sums, group, self._sums.sums)
+        return sums / counts[:, None], counts
 
     def add(self, points: Array, values: Array) -> None:
         """Add rows, their places (n, 3) and what is summed of them, (n, columns)."""
@@ -267,9 +295,13 @@ class _Sums:
 
     def coarser(self) -> _Sums:
         """Give them the numbers of cells twice as long."""
+        return _Sums(_numbered(np.floor(self.cells / 2.0)), self.counts, self.sums)
+
+    @property
+    def cells(self) -> Array:
+        """The cells' places in the grid, (n, 3)."""
         x = np.floor(self.keys.real / 2.0**BITS)
-        cells = np.stack([x, self.keys.real - x * 2.0**BITS, self.keys.imag], axis=1)
-        return _Sums(_numbered(np.floor(cells / 2.0)), self.counts, self.sums)
+        return np.stack([x, self.keys.real - x * 2.0**BITS, self.keys.imag], axis=1)
 
     @classmethod
     def joined(cls, several: list[_Sums]) -> _Sums:
