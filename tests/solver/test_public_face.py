@@ -15,11 +15,12 @@ from sparse_surface import solver
 from sparse_surface.benchmarks import generated_clouds, generated_models
 
 API = Path(__file__).resolve().parents[2] / "docs" / "api.md"
-FUNCTIONS = {"approximate", "approximate_blocks", "denoise", "load", "reconstruct", "resample", "run_to_end", "save"}
-STEPS = {"approximate_blocks_steps", "approximate_steps", "denoise_steps", "reconstruct_steps", "resample_steps"}
+LARGE = {"approximate_blocks", "reconstruct_parts"}
+FUNCTIONS = LARGE | {"approximate", "denoise", "load", "reconstruct", "resample", "run_to_end", "save"}
+STEPS = {f"{name}_steps" for name in {*LARGE, "approximate", "denoise", "reconstruct", "resample"}}
 ERRORS = {"Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"}
 MESHES = {"Approximation", "BlockApproximation", "BlockSurface", "Representation"}
-CLASSES = MESHES | {"CloudSettings", "Progress", "Reconstruction", "Report", "Settings"}
+CLASSES = MESHES | {"CloudSettings", "Progress", "Reconstruction", "Report", "Settings", "ThinReconstruction"}
 NAMES = FUNCTIONS | STEPS | ERRORS | CLASSES | {"FINISH", "PRESETS"}
 
 
