@@ -18,9 +18,6 @@ import driver
 
 CLICKS, FACTOR = (5, 2.0) if driver.SHARED_MACHINE else (1, 1.0)
 
-LOOKING = 3.0
-"""Seconds that an artist looks at the panel before the first click, while the child of the run loads the solver."""
-
 BUNNY = 190
 """Vertices along a side of a sheet as large as the bunny, which has 35,947."""
 
@@ -52,7 +49,7 @@ def check_first_picture(add: Any, bound: float) -> driver.Steps:
         bpy.context.scene.sparse_surface.property_unset("solver")
         source = add()
         yield from driver.open_sidebar()
-        yield LOOKING
+        yield 1.0
         taken.append((yield from seconds_to_a_picture()))
         driver.shot(f"first_picture_{source.name}")
         yield from driver.wait_for(lambda: driver.running() is None, 240.0, "result")
