@@ -45,8 +45,6 @@ def stop_giving_way() -> None:
 def main(text: str) -> None:
     """Carry out the order that `child.start_child` wrote; the owner's module search path comes first of all."""
     order = json.loads(text)
-    if order["gives_way"]:
-        give_way()
     sys.path[:] = order["module_search_path"]
     folder = Path(__file__).resolve().parent.parent
     spec = importlib.util.spec_from_file_location(
@@ -56,7 +54,8 @@ def main(text: str) -> None:
     assert spec.loader is not None
     sys.modules[PACKAGE] = package = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(package)
-    importlib.import_module(f"{PACKAGE}.processes.service").serve(order["owners_package"], order["preload"])
+    serve = importlib.import_module(f"{PACKAGE}.processes.service").serve
+    serve(order["owners_package"], order["preload"], gives_way=order["gives_way"])
 
 
 if __name__ == "__main__":

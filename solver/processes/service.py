@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import WorkerError
 from ..progress import FINISH, Progress, run_to_end
 from .channel import OWN_PACKAGE, Parts, pack, receive, send, unpack
-from .child_main import stop_giving_way
+from .child_main import give_way, stop_giving_way
 from .memory import peak_memory_mb
 
 SECONDS_BETWEEN_MESSAGES = 0.05
@@ -43,11 +43,17 @@ class Answer(NamedTuple):
     peak_memory_mb: float
 
 
-def serve(owners_package: str, preload: str) -> None:
-    """Do tasks until standard input closes, which ends this process whatever it is doing."""
+def serve(owners_package: str, preload: str, *, gives_way: bool) -> None:
+    """Do tasks until standard input closes, which ends this process whatever it is doing.
+
+    It loads its modules before it gives way: that takes less than a second, but a window that is drawn by software
+    keeps every processor for much longer, and whoever presses the button meanwhile waits for the modules.
+    """
     incoming, outgoing = _private_channels()
     owner = _Owner(incoming)
     import_module(f"{OWN_PACKAGE}.{preload}")
+    if gives_way:
+        give_way()
     while True:
         send(outgoing, _answer(owner, outgoing, owners_package))
 
