@@ -71,7 +71,7 @@ class Run:
     started
         When the solver first reported; until then, when the run began.
     shown, shown_at
-        The workspace and the line of progress that is drawn there, and since when.
+        The workspace and the line of progress that is drawn there, and since when; at first, when the run began.
     sidebars_behind
         Whether the sidebars still show the previous line.
     preview
@@ -89,7 +89,7 @@ class Run:
     timer: Timer | None = None
     started: float = field(default_factory=time.monotonic)
     shown: tuple[str, str] = ("", "")
-    shown_at: float = 0.0
+    shown_at: float = field(default_factory=time.monotonic)
     sidebars_behind: bool = False
     _begun: int = 0
     _job: Job | None = None

@@ -99,7 +99,6 @@ class SolverOperator:
         self._run = Run(tasks, self._wanted_preview(context), refusals=refusals)
         session.start(self._run)
         self._run.advance()  # the redraw that the click asks for may take a third of a second
-        show_progress(context, self._run)
         self._run.timer = context.window_manager.event_timer_add(0.1, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 _NUMBER = re.compile(r"\d[\d,.]*\b")
 
-SECONDS_BETWEEN_LOOKS = 0.25
-"""Progress is redrawn no more often than it can be read: even a small part costs a redraw of the whole window."""
+SECONDS_BETWEEN_LOOKS = 0.5
+"""Progress is redrawn no more often than it can be read, and not before the first picture of a small mesh: even a small
+part costs a redraw of the whole window, which takes the processors from the solver where Blender draws by software."""
 
 
 def show_progress(context: Context, run: Run) -> None:
