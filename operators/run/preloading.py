@@ -38,11 +38,14 @@ def preload() -> None:
 
 
 def _load_next() -> float | None:
-    if _left:
-        import_module(_left.pop(0), __package__)
-        return BETWEEN
-    import_module(_JOB, __package__).prepare(python_command())
-    return None
+    if not _left:
+        import_module(_JOB, __package__).prepare(python_command())
+        return None
+    name = _left.pop(0)
+    module = import_module(name, __package__)
+    if name == _JOB:  # first of all: its child loads beside the window
+        module.prepare(python_command())
+    return BETWEEN
 
 
 def register() -> None:
@@ -51,10 +54,15 @@ def register() -> None:
     _left = None
 
 
-def unregister() -> None:
-    """Stop loading, and end the child that waits."""
+def pause() -> None:
+    """Load nothing more until a panel is drawn without a run: the next run's child would slow this run down."""
     if bpy.app.timers.is_registered(_load_next):
         bpy.app.timers.unregister(_load_next)
+
+
+def unregister() -> None:
+    """Stop loading, and end the child that waits."""
+    pause()
     dismiss()
 
 

@@ -8,7 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_rpt as rpt_
 
 from .control import Run
-from .preloading import dismiss
+from .preloading import dismiss, pause
 from .status import redraw_progress, settle_sidebars, show_status
 
 
@@ -31,6 +31,7 @@ class Session:
         """Make a run the current one; there must be none."""
         assert self.current is None
         self.current, self.notice = run, ""
+        pause()
 
     def stop(self, reason: str = "") -> None:
         """End the current run, if there is one, and remove all that it shows.

@@ -7,10 +7,13 @@ import importlib.util
 import sys
 from pathlib import Path
 
+import bpy
 import pytest
 from bl_ext.user_default.sparse_surface import operators
 from bl_ext.user_default.sparse_surface.operators.run import preloading
+from bl_ext.user_default.sparse_surface.operators.run.control import Run
 from bl_ext.user_default.sparse_surface.operators.run.operator import SolverOperator
+from bl_ext.user_default.sparse_surface.operators.run.session import session
 
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
@@ -58,3 +61,15 @@ print("missing", sorted({wanted!r} - set(sys.modules)))
 """
     )
     assert "missing []" in done.stdout, done.stdout + done.stderr
+
+
+def test_a_run_has_the_processors_to_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The child of the next run waits with its loading, although a panel asked for it right before the click."""
+    monkeypatch.setattr(preloading, "_left", [])
+    bpy.app.timers.register(preloading._load_next, first_interval=3600.0)
+    session.start(Run([]))
+    try:
+        assert not bpy.app.timers.is_registered(preloading._load_next)
+    finally:
+        session.stop()
+        preloading.pause()
