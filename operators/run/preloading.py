@@ -1,7 +1,7 @@
 """Loads what a run needs while the user looks at the panel, so that pressing the button loads no module.
 
-Enabling the add-on and drawing the panel load none of it.  The modules are loaded one at a time to keep Blender
-responsive.
+Enabling the add-on and drawing the panel load none of it.  It is loaded in two parts, with a redraw between them, to
+keep Blender responsive.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ _NEEDED = (_JOB, "..data.results", "..preview.controller")
 """What the run's functions import; a test compares this with the modules that a run loads."""
 
 FIRST_AFTER = 0.2
-BETWEEN = 0.1
-"""Seconds after the panel was drawn, and between two modules."""
+BETWEEN = 0.02
+"""Seconds after the panel was drawn, and between the parts."""
 
 _left: list[str] | None = None
 """What remains to be loaded; None before `preload` was called."""
@@ -41,11 +41,14 @@ def _load_next() -> float | None:
     if not _left:
         import_module(_JOB, __package__).prepare(python_command())
         return None
-    name = _left.pop(0)
-    module = import_module(name, __package__)
-    if name == _JOB:  # first of all: its child loads beside the window
-        module.prepare(python_command())
-    return BETWEEN
+    if _JOB in _left:  # first of all: its child loads beside the window
+        _left.remove(_JOB)
+        import_module(_JOB, __package__).prepare(python_command())
+        return BETWEEN
+    for name in _left:
+        import_module(name, __package__)
+    _left.clear()
+    return None
 
 
 def register() -> None:
