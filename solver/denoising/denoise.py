@@ -21,8 +21,9 @@ from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
 from ..progress import FINISH, Progress, Steps, relayed, run_to_end, within
 from .found_noise import find_noise
+from .missed_shape import bring_back
 from .noise_level import STRONG, mean_edge_length
-from .normal_filter import filter_normals, smooth_normals
+from .normal_filter import filter_normals, guide_deviation, smooth_normals
 from .one_sided_patches import PatchFitter, PatchRule
 from .patch_average import PatchAverage
 from .preview import Preview
@@ -264,7 +265,8 @@ def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, A
     """Return vertices without the noise, and their normals."""
     yield Progress("Filtering normals", 0.0)
     if noise.effective < STRONG * noise.edge:
-        normals, rules = filter_normals(surface, noisy, noise.effective), [_FINE]
+        normals = filter_normals(surface, noisy, noise.effective)
+        rules = [_FINE.following(guide_deviation(surface, normals, noise.effective / noise.edge))]
     else:
         spread = 1 + noise.length
         normals = smooth_normals(surface, noisy, round(2 * spread))
@@ -315,6 +317,8 @@ def _moved(
     moved, limit = move_wild_ones_far(noisy, planes, directions, noise.level, noise.known)
     moved = fill_in(noisy, moved, weight > 0, surface, normals, limit)
     stiffness = average.stiffness(moved - noisy, directions, LEAST_VARIANCE * limit**2)
+    if noise.inflation == 1.0:  # else neighbours have errors in common, too
+        moved = bring_back(noisy, moved, directions, surface, average, noise.known, limit)
     leaning = keep_shape(moved, surface, (normals, average.normal_variances()))
     moved = settle(noisy, moved, directions, stiffness, surface, leaning, limit)
     if noise.sideways:

@@ -24,6 +24,8 @@ _WIDTH = 1.2  # of the deviation that the noise gives the difference of two norm
 _NARROWER = 0.85  # each iteration leaves less noise in the normals
 _WIDEST = 0.9
 _NARROWEST = 0.1
+_TILT = np.sqrt(2.0)  # along a tangent: noise of one edge's length tilts equilateral triangles by that
+_NEARLY_ALL = 3.0  # medians of lengths in two directions: Gaussian ones are longer twice in a thousand
 _PAIRS = 1 << 18  # of triangles that are worked on together
 
 
@@ -98,6 +100,16 @@ def smooth_normals(surface: Surface, vertices: Array, rounds: int = 2) -> Array:
         weighted = normals * areas[:, None]
         normals = unit(weighted + around @ weighted)
     return normals
+
+
+def guide_deviation(surface: Surface, normals: Array, noise: float) -> float:
+    """Return how far a guide's normals, (T, 3), may be off along a tangent, for noise over the mean edge length.
+
+    At most as far as the noise tilts a regular triangle; and where the shape bends from triangle to triangle otherwise
+    than a quadratic does, as far as nearly all differ from the mean of those around.
+    """
+    apart = np.linalg.norm(unit(surface.around.astype(np.float64) @ normals) - normals, axis=1)
+    return float(np.hypot(_TILT * noise, _NEARLY_ALL * np.median(apart)))
 
 
 def _nearness(vertices: Array, surface: Surface, blocks: Sequence[_Block]) -> list[Array]:

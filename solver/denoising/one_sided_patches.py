@@ -20,6 +20,7 @@ from ..mesh.quadrics import quadric_terms
 from ..native.patch_growth import Listed
 from .patch_growth import agreeing_neighbours, chunk_size, growth_on
 from .patch_normals import bends_of_triangles, local_normals
+from .seeds import signs
 from .surface import Surface
 
 TERMS = 6  # 1, u, v, u^2, u v, v^2
@@ -65,6 +66,10 @@ class PatchRule:
         """Return the rule for patches with `factor` times as many triangles."""
         return replace(self, sizes=tuple(round(size * factor) for size in self.sizes))
 
+    def following(self, deviation: float) -> PatchRule:
+        """Return the rule for a guide whose normals are off by at most so much along a tangent, if that is less."""
+        return replace(self, normal_width=min(self.normal_width, deviation))
+
     @property
     def least_cosine_across(self) -> float:
         """Of the angle between the normals of neighbours that join."""
@@ -104,6 +109,8 @@ class Fits:
         Weights in [0, 1], (P, L), zero on padding.
     residuals
         Heights of the vertices above the quadratic, (P, L).
+    responses
+        Heights of the quadratic at the vertices, (P, L), if the vertices' were `signs` and all weights the same.
     misfit
         Mean squared residual over that of the noise, (P,).
     sound
@@ -123,6 +130,7 @@ class Fits:
     triangle_weights: Array
     vertex_weights: Array
     residuals: Array
+    responses: Array
     misfit: Array
     sound: Booleans
 
@@ -188,6 +196,7 @@ class PatchFitter:
     def __init__(self, surface: Surface, vertices: Array, guide: Array, noise_level: float, rule: PatchRule) -> None:
         self.chunk = chunk_size(max(len(surface.triangles), len(vertices)))
         self._vertices, self._guide, self._noise_level, self._rule = vertices, guide, noise_level, rule
+        self._signs = signs(len(vertices))
         corners = vertices[surface.triangles]
         self._centroids = corners.mean(axis=1)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -265,8 +274,9 @@ class PatchFitter:
         near = _welsch(residuals[:, None], _RESIDUAL_WIDTH * self._noise_level)
         final = weights(likeness(coefficients), taper * near)
         coefficients, gram, regular = _least_squares(terms, final, heights, ridge)
-        variance = _variance(terms, final, regular)
-        coefficients = shrink_curvature(coefficients, regular, variance * self._noise_level**2)
+        variance, response = _of_noise(terms, final, regular, self._signs[vertices])
+        kept = kept_curvature(coefficients, variance * self._noise_level**2)
+        coefficients = shrink_curvature(coefficients, regular, kept)
         residuals = heights - _values(terms, coefficients)
         effective, misfit = _quality(final, residuals / self._noise_level)
         return Fits(
@@ -277,6 +287,7 @@ class PatchFitter:
             triangle_weights=likeness(coefficients) * present,
             vertex_weights=final,
             residuals=residuals,
+            responses=_values(terms, shrink_curvature(response, regular, kept)),
             misfit=misfit,
             sound=effective >= FEWEST_VERTICES,
         )
@@ -340,21 +351,26 @@ def _least_squares(terms: Array, weights: Array, heights: Array, ridge: Array) -
     return np.asarray(solved, dtype=np.float64), gram, regular
 
 
-def _variance(terms: Array, weights: Array, regular: Array) -> Array:
-    """Return the coefficients' covariance for independent heights of variance 1, (P, 6, 6)."""
+def _of_noise(terms: Array, weights: Array, regular: Array, noise: Array) -> tuple[Array, Array]:
+    """Return the coefficients' covariance for heights of variance 1, (P, 6, 6), and those of some, (P, L): (P, 6)."""
     weighted = terms * weights[:, None]
     inverse = np.asarray(np.linalg.inv(regular), dtype=np.float64)
     variance: Array = inverse @ (weighted @ weighted.transpose(0, 2, 1)) @ inverse
-    return variance
+    return variance, (inverse @ (weighted @ noise[..., None]))[..., 0]
 
 
-def shrink_curvature(coefficients: Array, gram: Array, covariance: Array) -> Array:
-    """Shrink the second-order terms by what noise alone explains of them; refit the others to that."""
+def kept_curvature(coefficients: Array, covariance: Array) -> Array:
+    """Return which share of the second-order terms stays, (P,), without what noise alone explains of them."""
     curvature = coefficients[:, 3:]
     explained = np.linalg.solve(covariance[:, 3:, 3:] + 1e-300 * np.eye(3), curvature[..., None])[..., 0]
     significance = (curvature * explained).sum(axis=1)
-    kept = np.maximum(0.0, 1 - _SHRINKAGE / np.maximum(significance, 1e-300))
-    change = (kept - 1)[:, None] * curvature
+    kept: Array = np.maximum(0.0, 1 - _SHRINKAGE / np.maximum(significance, 1e-300))
+    return kept
+
+
+def shrink_curvature(coefficients: Array, gram: Array, kept: Array) -> Array:
+    """Keep a share, (P,), of the second-order terms; refit the others to that."""
+    change = (kept - 1)[:, None] * coefficients[:, 3:]
     others = np.linalg.solve(gram[:, :3, :3], gram[:, :3, 3:] @ change[..., None])[..., 0]
     return coefficients + np.concatenate((-others, change), axis=1)
 

@@ -77,7 +77,7 @@ class PatchAverage:
     def __init__(self, triangle_count: int, vertex_count: int, misfit_power: float) -> None:
         self._misfit_power = misfit_power
         self._normals = _Sums(triangle_count, 4)
-        self._planes = _Sums(vertex_count, 11)
+        self._planes = _Sums(vertex_count, 12)
         self._covers = np.zeros((triangle_count, 2), dtype=np.int64)  # patches over each triangle, and their sizes
         self.hurried = False
 
@@ -122,7 +122,8 @@ class PatchAverage:
         # A residual is measured along the seed's normal; the way to the surface is shorter where that leans.
         upright = np.einsum("pnc,pc->pn", everywhere, fits.frames[:, :, 2])
         normals, offsets = everywhere[at_vertex], (-fits.residuals * upright)[at_vertex]
-        self._planes.add(fits.vertices[at_vertex], _rows_of_planes(normals.T, offsets, weight))
+        rows = _rows_of_planes(normals.T, offsets, fits.responses[at_vertex], weight)
+        self._planes.add(fits.vertices[at_vertex], rows)
         covers = fits.triangle_weights > _CERTAIN
         covered, sizes = fits.triangles[covers], covers.sum(axis=1)
         np.add.at(self._covers[:, 0], covered, 1)
@@ -160,6 +161,12 @@ class PatchAverage:
         along = np.einsum("vi,vij,vj->v", directions, matrices, directions)
         return np.where(weight > 0, along / np.maximum(squares + through, least), np.inf)
 
+    def responses(self) -> Array:
+        """Return the patches' mean height at each vertex, (V,), if the noise were `signs`; 0 without patches."""
+        sums = self._planes.total()
+        mean: Array = sums[:, 11] / np.where(sums[:, 9] > 0, sums[:, 9], 1.0)
+        return mean
+
     def planes(self) -> tuple[Array, Array, Array]:
         """Return the mean equations of the vertices.
 
@@ -183,20 +190,24 @@ def _rows(normals: Array, weights: Array) -> Array:
     return rows
 
 
-def _rows_of_planes(normals: Array, offsets: Array, weights: Array) -> Array:
-    """Return what is summed up of planes: n n^T, n d, 1 and d^2 of normals n, (3, N), and distances d, weighted."""
-    rows = np.empty((11, len(weights)))
+def _rows_of_planes(normals: Array, offsets: Array, responses: Array, weights: Array) -> Array:
+    """Return what is summed up of planes with normals n, (3, N), and distances d, weighted: (12, N).
+
+    n n^T, n d, 1, d^2, and the responses.
+    """
+    rows = np.empty((12, len(weights)))
     for row, (i, j) in zip(rows[:6], _SYMMETRIC, strict=True):
         np.multiply(normals[i], normals[j], out=row)
     np.multiply(normals, offsets, out=rows[6:9])
     rows[9] = 1.0
     np.multiply(offsets, offsets, out=rows[10])
+    rows[11] = responses
     rows *= weights
     return rows
 
 
 def _mean_equations(sums: Array) -> tuple[Array, Array, Array]:
-    """Return what `PatchAverage.planes` does from the sums at each vertex, (V, 11)."""
+    """Return what `PatchAverage.planes` does from the sums at each vertex, (V, 12)."""
     weight = sums[:, 9]
     mean = sums[:, :9] / np.where(weight > 0, weight, 1.0)[:, None]
     matrices = np.empty((len(sums), 3, 3))

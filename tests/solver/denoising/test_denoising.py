@@ -18,7 +18,13 @@ from sparse_surface.solver.denoising import one_sided_patches
 from sparse_surface.solver.denoising.noise_level import estimate_noise_level, mean_edge_length, smoothed_normals
 from sparse_surface.solver.denoising.noise_spectrum import correlated_noise
 from sparse_surface.solver.denoising.normal_filter import filter_normals
-from sparse_surface.solver.denoising.one_sided_patches import Fits, PatchFitter, PatchRule, shrink_curvature
+from sparse_surface.solver.denoising.one_sided_patches import (
+    Fits,
+    PatchFitter,
+    PatchRule,
+    kept_curvature,
+    shrink_curvature,
+)
 from sparse_surface.solver.denoising.patch_average import PatchAverage
 from sparse_surface.solver.denoising.patch_growth import Claims, GrowingPatches, agreeing_neighbours
 from sparse_surface.solver.denoising.surface import build_surface
@@ -663,7 +669,7 @@ def test_curvature_shrinks_by_what_noise_explains_of_it() -> None:
     design, root = rng.normal(size=(2, 9, 20, 6))
     gram, covariance = (np.einsum("pni,pnj->pij", part, part) for part in (design, root))
     coefficients = rng.normal(size=(9, 6)) * np.geomspace(0.3, 30.0, 9)[:, None]
-    found = shrink_curvature(coefficients, gram, covariance)
+    found = shrink_curvature(coefficients, gram, kept_curvature(coefficients, covariance))
     kept = []
     for patch in range(9):
         curvature = coefficients[patch, 3:]
@@ -684,6 +690,7 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
     average.add(fits)
     normals, matrices, targets = np.zeros((450, 3)), np.zeros((256, 3, 3)), np.zeros((256, 3))
     total, coverage = np.zeros(256), np.zeros(450, dtype=np.int64)
+    responses = np.zeros(256)
     weights, squares = np.zeros(450), np.zeros(256)
 
     def height(patch: int, uv: Array) -> float:
@@ -723,6 +730,7 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
                 matrices[vertex] += weight * trust * precision * np.outer(normal, normal)
                 targets[vertex] += weight * trust * precision * offset * normal
                 total[vertex] += weight * trust * precision
+                responses[vertex] += weight * trust * precision * fits.responses[patch, place]
                 squares[vertex] += weight * trust * precision * offset**2
     length = np.linalg.norm(normals, axis=1)
     guide = np.tile([0.0, 0.0, 1.0], (450, 1))
@@ -734,6 +742,7 @@ def test_patches_are_averaged_by_how_well_they_know() -> None:
     np.testing.assert_allclose(found[0], matrices / some[:, None, None], atol=1e-12)
     np.testing.assert_allclose(found[1], targets / some[:, None], atol=1e-12)
     np.testing.assert_allclose(found[2], total, rtol=1e-12)
+    np.testing.assert_allclose(average.responses(), responses / some, atol=1e-12)
     agreeing = length / np.where(weights > 0.0, weights, 1.0)
     np.testing.assert_allclose(average.normal_variances(), (1.0 - agreeing**2) / 2.0, atol=1e-12)
     moves = np.random.default_rng(3).normal(0.0, 0.01, (256, 3))
