@@ -30,7 +30,15 @@ from .preview import Preview
 from .seeds import scattered
 from .surface import Surface, build_surface
 from .triangle_repair import repair_triangles
-from .vertex_update import LEAST_VARIANCE, fill_in, keep_shape, move_wild_ones_far, settle, update_directions
+from .vertex_update import (
+    LARGEST_MOVE,
+    LEAST_VARIANCE,
+    fill_in,
+    keep_shape,
+    move_wild_ones_far,
+    settle,
+    update_directions,
+)
 
 LARGEST_STRENGTH = 10.0
 
@@ -317,7 +325,8 @@ def _moved(
     moved, limit = move_wild_ones_far(noisy, planes, directions, noise.level, noise.known)
     moved = fill_in(noisy, moved, weight > 0, surface, normals, limit)
     stiffness = average.stiffness(moved - noisy, directions, LEAST_VARIANCE * limit**2)
-    if noise.inflation == 1.0:  # else neighbours have errors in common, too
+    independent, gaussian = noise.inflation == 1.0, limit == LARGEST_MOVE * noise.level
+    if independent and gaussian:  # else neighbours have errors in common, too, or those of wild ones
         moved = bring_back(noisy, moved, directions, surface, average, noise.known, limit)
     leaning = keep_shape(moved, surface, (normals, average.normal_variances()))
     moved = settle(noisy, moved, directions, stiffness, surface, leaning, limit)
