@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import statistics
 import sys
 import time
 from pathlib import Path
@@ -110,23 +109,24 @@ def test_drawing_costs_little():
 def test_enabling_costs_little():
     """Importing and registering again, in processor time: Blender starts with it every day.
 
-    Neighbours and slow machines make any time longer, by half and more, so it is compared, in turns, with the time in
-    which the same Python loads 40 of its own modules.  Where enabling took 45 ms and 50 were allowed, these took 53.
+    Neighbours and slow machines make any time longer, by half and more, so it is compared with the time in which the
+    same Python loads 40 of its own modules, both the shortest of thirty in turns.  Where 50 ms were allowed, these take
+    40 while nothing else runs.
     """
     name = driver.add_on()
     load_own_modules()
-    shares = []
+    spent, own = [], []
     for _ in range(30):
-        own = load_own_modules()
+        own.append(load_own_modules())
         addon_utils.disable(name)
         for loaded in [each for each in sys.modules if each.startswith(name)]:
             del sys.modules[loaded]
         before = time.process_time()
         addon_utils.enable(name)
-        shares.append((time.process_time() - before) / own)
+        spent.append(time.process_time() - before)
         yield 0.1
-    print(f"enabling took {statistics.median(shares):.2f} of the time that Python's own modules took")
-    assert statistics.median(shares) < 0.95
+    print(f"enabling took {1000 * min(spent):.0f} ms of processor time, Python's own modules {1000 * min(own):.0f}")
+    assert min(spent) < 1.2 * min(own)
 
 
 PYTHONS_OWN = (
