@@ -6,8 +6,8 @@ import ast
 import importlib.util
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
-import bpy
 import pytest
 from bl_ext.user_default.sparse_surface import operators
 from bl_ext.user_default.sparse_surface.operators.run import preloading
@@ -65,11 +65,9 @@ print("missing", sorted({wanted!r} - set(sys.modules)))
 
 def test_a_run_has_the_processors_to_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """The child of the next run waits with its loading, although a panel asked for it right before the click."""
-    monkeypatch.setattr(preloading, "_left", [])
-    bpy.app.timers.register(preloading._load_next, first_interval=3600.0)
+    waiting = {preloading._load_next}
+    timers = SimpleNamespace(is_registered=waiting.__contains__, unregister=waiting.remove)
+    monkeypatch.setattr(preloading, "bpy", SimpleNamespace(app=SimpleNamespace(timers=timers)))
+    monkeypatch.setattr(session, "current", None)
     session.start(Run([]))
-    try:
-        assert not bpy.app.timers.is_registered(preloading._load_next)
-    finally:
-        session.stop()
-        preloading.pause()
+    assert not waiting
