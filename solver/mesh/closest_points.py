@@ -10,7 +10,10 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Indices
 
 FIRST_CANDIDATES = 8
-PAIRS_AT_ONCE = 1_000_000
+PAIRS_AT_ONCE = 200_000
+
+ROUNDING = 1e-9
+"""Share of the largest triangle's radius by which distances may be rounded."""
 
 
 @dataclass(frozen=True)
@@ -42,31 +45,53 @@ def interpolate(values: Array, corners: Indices, barycentric: Array) -> Array:
 def closest_points(points: Array, vertices: Array, triangles: Indices) -> Footpoints:
     """Closest point of a triangle mesh for each of the points (N, 3); exact.
 
-    Triangles are tried in the order of their centroids' distances; as no point of a triangle is farther from its
-    centroid than the largest circumscribed radius, the search knows when no other triangle can be closer.
+    Triangles are tried in the order of their centroids' distances, except those of which no point can be closer than
+    what was found: none is farther from its centroid than the farthest corner.  Once that holds for the largest
+    triangle, it holds for all that are left.
     """
     ends = vertices[triangles]
     centroids = ends.mean(axis=1)
-    largest = float(np.linalg.norm(ends - centroids[:, None], axis=2).max())
+    radius = np.linalg.norm(ends - centroids[:, None], axis=2).max(axis=1)
+    largest = float(radius.max())
+    radius += ROUNDING * largest
     tree = cKDTree(centroids)
-    best = np.full(len(points), np.inf)
-    triangle = np.zeros(len(points), dtype=np.int64)
-    barycentric = np.zeros((len(points), 3))
+    found = _Closest(points, ends)
     pending, tried, wanted = np.arange(len(points)), 0, min(FIRST_CANDIDATES, len(triangles))
     while len(pending):
         still = []
         for part in np.array_split(pending, max(1, -(-len(pending) * wanted // PAIRS_AT_ONCE))):
             distance, candidates = tree.query(points[part], k=list(range(tried + 1, wanted + 1)))
-            for column in candidates.T:
-                shares = closest_on_triangle(points[part], ends[column])
-                apart = np.linalg.norm((ends[column] * shares[:, :, None]).sum(axis=1) - points[part], axis=1)
-                closer = apart < best[part]
-                where = part[closer]
-                best[where], triangle[where], barycentric[where] = apart[closer], column[closer], shares[closer]
-            still.append(part[distance[:, -1] - largest < best[part]])
+            least = distance - radius[candidates]
+            for columns in (slice(0, 1), slice(1, None)):
+                found.take(part, candidates[:, columns], least[:, columns])
+            still.append(part[distance[:, -1] - largest < found.apart[part]])
         pending = np.concatenate(still) if wanted < len(triangles) else pending[:0]
         tried, wanted = wanted, min(2 * wanted, len(triangles))
-    return Footpoints(triangle, barycentric)
+    return Footpoints(found.triangle, found.barycentric)
+
+
+class _Closest:
+    """The closest of the triangles (T, 3, 3) that were tried so far for each of the points (N, 3)."""
+
+    def __init__(self, points: Array, ends: Array) -> None:
+        self._points, self._ends = points, ends
+        self.apart = np.full(len(points), np.inf)
+        self.triangle = np.zeros(len(points), dtype=np.int64)
+        self.barycentric = np.zeros((len(points), 3))
+
+    def take(self, part: Indices, candidates: Indices, least: Array) -> None:
+        """Try candidates (n, k) for points (n,), from which they are at least so far, (n, k); the first of equals."""
+        row, column = np.nonzero(least < self.apart[part][:, None])
+        point, triangle = part[row], candidates[row, column]
+        places, ends = self._points[point], self._ends[triangle]
+        shares = closest_on_triangle(places, ends)
+        apart = np.linalg.norm((ends * shares[:, :, None]).sum(axis=1) - places, axis=1)
+        best = np.lexsort((column, apart, row))
+        best = best[np.diff(row[best], prepend=-1) > 0]
+        best = best[apart[best] < self.apart[point[best]]]
+        closer = point[best]
+        self.apart[closer], self.triangle[closer] = apart[best], triangle[best]
+        self.barycentric[closer] = shares[best]
 
 
 def closest_on_triangle(points: Array, ends: Array) -> Array:

@@ -61,6 +61,15 @@ def test_search_agrees_with_trying_every_triangle() -> None:
     np.testing.assert_allclose(found, best, atol=1e-12)
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_triangles_along_an_edge_the_one_with_the_nearer_centroid_is_taken(first: int) -> None:
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 3, 0], [0.5, -1, 0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3]])[[first, 1 - first]]
+    feet = closest_points(np.array([[0.25, 0.0, 0.2], [0.5, 0.0, 5.0]]), vertices, triangles)
+    np.testing.assert_array_equal(feet.triangle, [1 - first] * 2)
+    np.testing.assert_allclose(feet.on(vertices, triangles), [[0.25, 0, 0], [0.5, 0, 0]], atol=1e-15)
+
+
 def test_normals_point_out_of_a_sphere_whatever_the_winding() -> None:
     vertices, triangles = sphere(6)
     turned = triangles.copy()
