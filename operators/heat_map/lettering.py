@@ -1,4 +1,4 @@
-"""Captions and the legend of a picture: whatever stands flat before the objects, drawn when these are rendered."""
+"""Captions and the legend of a picture: whatever stands flat before the objects, drawn after them."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ class Lettering:
 
     def write(self, text: str, x: float, y: float, size: float, align: str = "CENTER") -> None:
         """Write a line of text at (x, y)."""
+        fonts = set(bpy.data.fonts)
         curve = bpy.data.curves.new("Text", "FONT")
         curve.body, curve.size, curve.align_x = text, size, align
         curve.resolution_u = CURVE_STEPS
@@ -44,6 +45,8 @@ class Lettering:
         bpy.data.objects.remove(made)
         bpy.data.meshes.remove(mesh)
         bpy.data.curves.remove(curve)
+        for font in set(bpy.data.fonts) - fonts:  # Blender's own, loaded with the first text
+            bpy.data.fonts.remove(font)
 
     def strip(self, colours: NDArray[np.floating[Any]], length: float, thickness: float, y: float) -> None:
         """Lay equal fields of the linear colours (n, 3) side by side."""
@@ -51,8 +54,12 @@ class Lettering:
         low, high = y - thickness / 2, y + thickness / 2
         under = np.minimum(ends[:-1] + max(2 * length / len(colours), FIELD_REACH), length / 2)
         for colour, left, right in zip(colours, ends[:-1], under, strict=True):  # each over the ones before: no gaps
-            corners = np.array([(left, low), (right, low), (right, high), (left, high)])
-            self._add(corners[[[0, 1, 2], [0, 2, 3]]], colour)
+            self.field(colour, left, right, low, high)
+
+    def field(self, colour: Sequence[float] | NDArray[Any], left: float, right: float, low: float, high: float) -> None:
+        """Fill an upright rectangle with a linear colour."""
+        corners = np.array([(left, low), (right, low), (right, high), (left, high)])
+        self._add(corners[[[0, 1, 2], [0, 2, 3]]], colour)
 
     def _add(self, triangles: NDArray[Any], colour: Sequence[float] | NDArray[Any]) -> None:
         self.shapes.append(Shape(triangles, linear_to_srgb(np.asarray(colour, dtype=np.float64)[:3])))

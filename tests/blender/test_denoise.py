@@ -152,7 +152,7 @@ def test_the_picture_tells_of_noise_not_of_patches(tmp_path, monkeypatch):
     result = scenes.approximate(denoise="only")
     written = []
     monkeypatch.setattr(picture.Lettering, "write", lambda _, text, *__, **___: written.append(text))
-    monkeypatch.setattr(picture, "render_png", lambda scene, path, over: None)
+    monkeypatch.setattr(picture, "write_png", lambda path, colours: None)
     render_heatmap(result, tmp_path / "picture.png")
     assert any(text.startswith("noise of 0.00") for text in written)
 

@@ -5,13 +5,23 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.sparse_surface.operators.data.colours import INSIDE, OUTSIDE, ColourScale, linear_to_srgb, ramp
+from bl_ext.user_default.sparse_surface.operators.data.colours import (
+    INSIDE,
+    OUTSIDE,
+    ColourScale,
+    linear_to_srgb,
+    ramp,
+    srgb_to_linear,
+)
 from bl_ext.user_default.sparse_surface.operators.data.meshes import read_positions, set_positions
 from bl_ext.user_default.sparse_surface.operators.data.results import write_error
 from bl_ext.user_default.sparse_surface.operators.heat_map import png
+from bl_ext.user_default.sparse_surface.operators.heat_map.coverage import nearest_triangles
 from bl_ext.user_default.sparse_surface.operators.heat_map.lettering import LEGEND_LENGTH, LEGEND_Y
 from bl_ext.user_default.sparse_surface.operators.heat_map.picture import render_heatmap
 from bl_ext.user_default.sparse_surface.operators.heat_map.raster import Shape, draw
+from bl_ext.user_default.sparse_surface.operators.heat_map.scene import View, read_body
+from bl_ext.user_default.sparse_surface.operators.heat_map.shading import SHADOW, draw_bodies
 from bl_ext.user_default.sparse_surface.solver.errors import InputError
 
 WIDTH = 320
@@ -107,10 +117,10 @@ def test_a_broken_run_keeps_the_old_picture(tmp_path, monkeypatch):
     old = tmp_path / "picture.png"
     old.write_bytes(b"old")
 
-    def fail(png):
+    def fail(values):
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(png, "without_texts", fail)
+    monkeypatch.setattr(png, "encoded", fail)
     before = len(bpy.data.scenes)
     with pytest.raises(OSError, match="No space left"):
         render_heatmap(coloured_box(), old, width=WIDTH)
@@ -146,3 +156,62 @@ def test_shapes_cover_their_share_of_each_pixel():
     assert picture[45, 82, :3] == pytest.approx(1.0)
     draw(picture, [Shape(square + 100.0, np.zeros(3)), Shape(np.zeros((0, 3, 2)), np.zeros(3))])  # nothing to see
     assert picture[45, 80, :3] == pytest.approx([1.0, 0.5, 0.0])
+
+
+def test_colours_of_the_picture_are_those_of_the_legend(tmp_path):
+    """Light makes a colour darker, and may not make it another one."""
+    box = coloured_box()
+    for value in (0.0, 0.5, 1.0):
+        write_error(box, np.full(8, value, dtype=np.float32), ColourScale(0.0, 1.0))
+        render_heatmap(box, tmp_path / "one.png", width=WIDTH)
+        picture, legend = pixels(tmp_path / "one.png"), srgb_to_linear(linear_to_srgb(ramp())[round(255 * value)])
+        for place in ((-1.0, 0.0), (0.0, 2.3), (1.8, 0.0)):  # on each of the three faces that are seen
+            seen = srgb_to_linear(at(picture, *place))
+            assert 0.4 < seen.sum() / legend.sum() < 1.15
+            assert np.abs(linear_to_srgb(seen * legend.sum() / seen.sum()) - linear_to_srgb(legend)).max() < 0.05
+
+
+def test_the_nearest_triangle_is_found_at_each_point():
+    """Against every triangle tried at every point."""
+    random, places = np.random.default_rng(5), np.array([0.5, 0.2, 0.9])
+    corners = random.uniform([-5.0, -5.0, 0.0], [25.0, 17.0, 1.0], (60, 3, 3))
+    corners[0, :, 1], corners[1] = 6.5, corners[1, :1]  # on a line, and a point
+    nearest, depth = nearest_triangles(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3), 20, 12, places)
+    y, x = np.mgrid[:12, :20]
+    points = np.stack([x + places[y % 3], y + 0.5], axis=-1)
+    found = np.full((60, 12, 20), -np.inf)
+    for triangle, (a, b, c) in enumerate(corners[2:], 2):
+        sides = np.linalg.solve(np.stack([b - a, c - a], axis=1)[:2], (points - a[:2]).reshape(-1, 2).T)
+        inside = (sides.min(axis=0) >= 0.0) & (sides.sum(axis=0) <= 1.0)
+        found[triangle].flat[inside] = (a[2] + sides[0] * (b - a)[2] + sides[1] * (c - a)[2])[inside]
+    seen = found.max(axis=0)
+    assert np.array_equal(nearest, np.where(np.isfinite(seen), found.argmax(axis=0), -1))
+    assert np.abs(depth - seen)[nearest >= 0].max() < 1e-4
+
+
+def test_triangles_beside_each_other_share_no_point():
+    """A fan whose middle and sides lie on points of the grid."""
+    ends = np.array([[0.5, 0.5], [6.5, 0.5], [12.5, 0.5], [12.5, 12.5], [3.5, 12.5], [0.5, 12.5]])
+    points = np.column_stack([np.vstack([ends, [6.5, 6.5]]), np.zeros(7)])
+    fan = np.array([[k, (k + 1) % 6, 6] for k in range(6)])
+    times = sum((nearest_triangles(points, fan[[k]], 14, 14)[0] >= 0).astype(int) for k in range(6))
+    assert np.array_equal(times, nearest_triangles(points, fan, 14, 14)[0] >= 0)
+    assert times[1:12, 1:12].min() == 1 == times.max()
+
+
+def test_a_wall_hides_its_share_of_the_sky_from_the_ground():
+    """Seen from above, at a distance d from a long, thick wall of height h: (1 - d / sqrt(d^2 + h^2)) / 2."""
+    bpy.ops.mesh.primitive_cube_add(location=(-4.0, 0.0, 0.25), scale=(4.0, 8.0, 0.25))
+    bpy.context.view_layer.update()
+    view = View.three_quarter(0.0, 90.0)
+    canvas = np.ones((450, 800, 3))
+    draw_bodies(canvas, [read_body(bpy.context.object, heat_map=False).turned(view.axes)], view, 0.0)
+    for distance in (0.3, 0.6, 1.0, 2.0):
+        expected = 1.0 - SHADOW * (1.0 - distance / np.hypot(distance, 0.5)) / 2
+        assert canvas[225, round((8.0 + distance) * 50 - 0.5)] == pytest.approx(expected, abs=0.015)
+
+
+def test_a_file_holds_what_was_drawn(tmp_path):
+    colours = np.random.default_rng(1).uniform(size=(31, 47, 3))
+    png.write_png(tmp_path / "noise.png", colours)
+    assert np.abs(pixels(tmp_path / "noise.png")[::-1] - colours).max() < 0.51 / 255
