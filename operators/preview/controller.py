@@ -37,14 +37,15 @@ QUICK = 1.0 / 30.0
 """Seconds: if a redraw with the drawing takes less, an object is fast enough, although it redraws viewports often."""
 
 SLOW = 0.1
-"""Seconds: if an object takes more after all, the surface is drawn; if drawings do, Blender is not asked to redraw."""
+"""Seconds: if an object takes more after all, the surface is drawn; if drawings do, only first ones are asked for."""
 
 SLOW_IN_A_ROW = 2
 """Slow drawings before drawing counts as slow: one may have compiled its shader, or been slow by chance."""
 
 MOST_TRIANGLES = 200_000
 MOST_BY_SOFTWARE = 20_000
-"""Triangles of a drawing, at most: more take longer in every redraw and show little more."""
+"""Triangles of a drawing, at most: more take longer in every redraw and show little more.  Where a source has more than
+the first, its own redraw by software takes a quarter of a second or longer, so none is asked for."""
 
 
 class LivePreview:
@@ -54,7 +55,8 @@ class LivePreview:
     ----------
     kind
         "OBJECT", "DRAWN", or "AUTOMATIC": an object once Blender has proved to draw quickly.  Where it draws slowly,
-        above all by software, it is not asked to redraw: the drawing appears when it redraws for another reason.
+        above all by software, it is asked to redraw only for the first picture of each source, and not of a large one:
+        others appear when it redraws for another reason.
     """
 
     def __init__(self, kind: str) -> None:
@@ -64,6 +66,7 @@ class LivePreview:
         by_software = draws_by_software()
         self._asks_for_drawing = not (self._automatic and by_software)
         self._most_triangles = MOST_BY_SOFTWARE if by_software else MOST_TRIANGLES
+        self._seen: set[int] = set()
         self._parts: dict[tuple[int, int], DrawnPart] = {}
         self._slow_drawings = 0
         self._newest: tuple[Source, NDArray[np.float64]] | None = None
@@ -113,8 +116,10 @@ class LivePreview:
         error = np.linalg.norm(drawn - source.arrays.vertices[part.vertices], axis=1)
         scale = self._scale(context.scene, source, error)
         overlay.show(source, drawn, scale.colours(error), part.triangles)
-        if self._asks_for_drawing:
+        first = source.session_uid not in self._seen and len(source.arrays.triangles) <= MOST_TRIANGLES
+        if self._asks_for_drawing or first:
             redraw_regions(context, "WINDOW")
+        self._seen.add(source.session_uid)
 
     def _part(self, source: Source) -> DrawnPart:
         """Return what is drawn of a source; the first call starts to compute it."""
