@@ -39,8 +39,8 @@ HOLLOW, SHADOW = 0.6, 0.85
 FLAT = 0.05
 """How far surfaces may bend towards each other, as a sine, before they darken: facets shall not be seen more."""
 
-CELLS = 12
-"""Of the ground's shadow in a unit."""
+CELLS, MOST_CELLS = 12.0, 600.0
+"""Of the ground's shadow in a unit, and along its longer side: what points at the viewer may be very long."""
 
 MARGIN = 8.0
 LEVELS = (0.02, 0.06, 0.15, 0.3, 0.5, 0.75, 0.999)
@@ -181,7 +181,8 @@ def _shade_ground(canvas: Array, body: Body, view: View, ground: float) -> None:
         return
     upright = body.vertices @ view.axes
     start = upright[:, :2].min(axis=0) - MARGIN
-    hidden = _hidden_sky(upright[body.corner_vertices] - [*start, ground], body.triangles)
+    cells = min(CELLS, MOST_CELLS / float((upright[:, :2].max(axis=0) + MARGIN - start).max()))
+    hidden = _hidden_sky(upright[body.corner_vertices] - [*start, ground], body.triangles, cells)
     x, y = (
         side * ((np.arange(count) + 0.5) / count - 0.5)
         for side, count in ((WIDTH, canvas.shape[1]), (HEIGHT, canvas.shape[0]))
@@ -189,29 +190,29 @@ def _shade_ground(canvas: Array, body: Body, view: View, ground: float) -> None:
     # The place on the ground, in its cells, of each pixel: sums of what column and row make of it.
     of_x, of_y = view.axes[0, :2] - right / out * view.axes[2, :2], view.axes[1, :2] - up / out * view.axes[2, :2]
     first = ground / out * view.axes[2, :2] - start
-    i, j = ((CELLS * (first[k] + of_x[k] * x + (of_y[k] * y)[:, None]) - 0.5).astype(np.float32) for k in (0, 1))
+    i, j = ((cells * (first[k] + of_x[k] * x + (of_y[k] * y)[:, None]) - 0.5).astype(np.float32) for k in (0, 1))
     canvas *= 1.0 - SHADOW * _looked_up(hidden, i, j)[..., None]
 
 
-def _hidden_sky(points: Array, triangles: NDArray[np.integer[Any]]) -> Array:
-    """Return which share of the sky is hidden from cells of the ground, weighted by the cosine to the upright.
+def _hidden_sky(points: Array, triangles: NDArray[np.integer[Any]], cells: float) -> Array:
+    """Return which share of the sky is hidden from places of the ground, weighted by the cosine to the upright.
 
     A flat shape at height h hides from a place of the ground the integral over it of h^2 / (pi (h^2 + r^2)^2), r being
     the distance along the ground.  Of a body's cross-sections the one that hides most counts, which is exact beside a
     thick wall.
     """
-    width, height = (int(CELLS * (points[:, k].max() + MARGIN)) + 1 for k in (0, 1))
-    over = [nearest_triangles(points * [CELLS, CELLS, sign], triangles, width, height)[1] for sign in (1.0, -1.0)]
+    width, height = (int(cells * (points[:, k].max() + MARGIN)) + 1 for k in (0, 1))
+    over = [nearest_triangles(points * [cells, cells, sign], triangles, width, height)[1] for sign in (1.0, -1.0)]
     highest, lowest = over[0], -over[1]
-    x, y = (np.minimum(np.arange(side), side - np.arange(side)) / CELLS for side in (width, height))
+    x, y = (np.minimum(np.arange(side), side - np.arange(side)) / cells for side in (width, height))
     r2 = x * x + (y * y)[:, None]
     hidden = np.zeros((height, width))
-    for level in float(points[:, 2].max()) * np.array(LEVELS):
+    for level in max(float(points[:, 2].max()), 1e-3) * np.array(LEVELS):
         section = np.fft.rfft2((lowest <= level) & (highest >= level))
-        kernel = (level / (level * level + r2 + 1e-12)) ** 2
+        kernel = (level / (level * level + r2)) ** 2
         np.maximum(hidden, np.fft.irfft2(section * np.fft.rfft2(kernel / kernel.sum()), s=r2.shape), out=hidden)
     fading_x, fading_y = (
-        np.clip(np.minimum(np.arange(side), side - 1 - np.arange(side)) / (0.5 * CELLS * MARGIN), 0.0, 1.0)
+        np.clip(np.minimum(np.arange(side), side - 1 - np.arange(side)) / (0.5 * cells * MARGIN), 0.0, 1.0)
         for side in (width, height)
     )
     return hidden * fading_x * fading_y[:, None]

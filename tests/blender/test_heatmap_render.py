@@ -215,3 +215,18 @@ def test_a_file_holds_what_was_drawn(tmp_path):
     colours = np.random.default_rng(1).uniform(size=(31, 47, 3))
     png.write_png(tmp_path / "noise.png", colours)
     assert np.abs(pixels(tmp_path / "noise.png")[::-1] - colours).max() < 0.51 / 255
+
+
+def test_what_has_no_extent_in_the_picture_is_drawn_in_little_memory(tmp_path):
+    """A rod that points at the viewer, a hundred thousand times as long as thick, and a single place."""
+    out, up = View.three_quarter().axes[[2, 1]]
+    for long in (1e5, 0.0):
+        bpy.ops.mesh.primitive_cube_add()
+        rod = bpy.context.object
+        corners = read_positions(rod.data).astype(np.float64)
+        thick = np.outer(corners[:, 1], up) if long else 0.0 * corners
+        set_positions(rod.data, (long * np.outer(corners[:, 0], out) + thick).astype(np.float32))
+        write_error(rod, np.zeros(8, dtype=np.float32), ColourScale(0.0, 1.0))
+        with np.errstate(all="raise", under="ignore"):
+            render_heatmap(rod, tmp_path / "rod.png", width=WIDTH)
+        assert pixels(tmp_path / "rod.png").shape == (WIDTH * 9 // 16, WIDTH, 3)
