@@ -34,10 +34,11 @@ from ..settings import CloudSettings, Settings
 from .base import checked_base, drawn_to_points, refuse_distant, snapped_to_creases
 from .cleaning import CleanCloud, clean
 from .correction import nearest_on_surface
-from .geometry import CloudGeometry, analyse
+from .geometry import NOISIEST, CloudGeometry, analyse
 from .kept_near import kept_near
 from .measured import MEASURING_STEPS, measured
 from .noise import iterations_for_noise, ring_for_noise
+from .noise_bias import WholeSurface, without_bias
 from .observations import CloudObservations, ObservedCloud, filled, fillers, held_at_border, observer
 from .oscillation import CloudSurface, oscillating_in_cloud
 from .refined import LEAST_GAIN, PATIENCE, ROUNDS, Fitted, ToleranceSought, refined_base
@@ -344,12 +345,17 @@ class _Work:
                 break
 
     def _corrected(self, surface: CloudSurface) -> ObservedCloud:
-        """Project the points on the surface itself, and weigh them."""
-        cloud = surface.observations.cloud
-        feet, distance = nearest_on_surface(
-            surface.representation(), self.mesh, cloud.points, cloud.feet, CORRECTION_STEPS
-        )
-        moved = cloud.moved(feet, cloud.weights)
+        """Project the points on the surface itself, and weigh them; in wide noise without what it puts them off.
+
+        On a base with a border both sides of a thin part may be one sheet, whose thickness then counts as noise.
+        """
+        cloud, representation = surface.observations.cloud, surface.representation()
+        if self.geometry.noise > NOISIEST * self.geometry.spacing and self.mesh.edge_triangles.min() >= 0:
+            whole = WholeSurface(representation, self.mesh, self.geometry.spacing)
+            moved, distance = without_bias(cloud, self.points, whole, self.geometry.noise)
+        else:
+            feet, distance = nearest_on_surface(representation, self.mesh, cloud.points, cloud.feet, CORRECTION_STEPS)
+            moved = cloud.moved(feet, cloud.weights)
         if self.cloud.robust == "none" and not self._has_hidden_strays():
             return moved
         return self._weighted(moved, distance[: len(self.points)])
