@@ -234,7 +234,7 @@ class SparseSurfaceSettings(PropertyGroup):
                 "AUTOMATIC",
                 "Automatic",
                 "As the result object where Blender draws quickly here, else as a drawing. "
-                "Without a graphics card the drawing is seen only when the viewport is drawn anyway",
+                "Without a graphics card it changes only when the viewport is drawn anyway",
             ),
             ("OBJECT", "Object", "As the result object, from early on. Without a graphics card it makes Blender slow"),
             ("DRAWN", "Drawing", "Drawn over the source in the colours of its distance; the object comes at the end"),
