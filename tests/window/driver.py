@@ -15,7 +15,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -229,6 +229,22 @@ def running() -> Any:
 def drawn_objects() -> frozenset[int]:
     """Return the session numbers of the objects whose surfaces are drawn while they are being solved."""
     return frozenset(module("operators.preview.overlay")._drawn)
+
+
+@contextmanager
+def noted_drawings(shows: Callable[[], Any] = lambda: True) -> Iterator[list[float]]:
+    """Note when Blender has drawn a viewport while it shows something, by `time.monotonic`."""
+    drawings: list[float] = []
+
+    def note() -> None:
+        if shows():
+            drawings.append(time.monotonic())
+
+    handle = bpy.types.SpaceView3D.draw_handler_add(note, (), "WINDOW", "POST_PIXEL")
+    try:
+        yield drawings
+    finally:
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
 
 
 def waiting_children() -> set[int]:

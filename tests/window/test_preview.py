@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -128,19 +126,6 @@ def test_a_machine_that_draws_slowly_gets_a_drawing(monkeypatch):
         bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
 
 
-@contextmanager
-def noted_drawings() -> Iterator[list[float]]:
-    """Note when Blender draws the viewport."""
-    drawings: list[float] = []
-    handle = bpy.types.SpaceView3D.draw_handler_add(
-        lambda: drawings.append(time.monotonic()), (), "WINDOW", "POST_PIXEL"
-    )
-    try:
-        yield drawings
-    finally:
-        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
-
-
 def noted_previews(monkeypatch) -> list[float]:
     """Note when a preview is ready to be drawn."""
     drawn = driver.module("operators.preview.overlay")
@@ -158,7 +143,7 @@ def test_blender_is_asked_to_draw_only_once_by_software(monkeypatch):
     """After the first picture, what is solved is seen when the viewport is drawn for another reason."""
     monkeypatch(driver.module("operators.preview.controller"), "draws_by_software", lambda: True)
     previews = noted_previews(monkeypatch)
-    with noted_drawings() as drawings:
+    with driver.noted_drawings() as drawings:
         yield from driver.start_job(300, iterations=60)
         yield from driver.wait_for(driver.drawn_objects, 120.0, "preview")
         yield 0.5
@@ -188,7 +173,7 @@ def test_blender_is_asked_to_draw_no_more_where_it_turned_out_to_be_slow(monkeyp
     for slow, in_a_row, asked in ((1000.0, 2, True), (0.0, 2, False), (0.0, 1000, True)):
         monkeypatch(preview, "SLOW", slow)
         monkeypatch(preview, "SLOW_IN_A_ROW", in_a_row)
-        with noted_drawings() as drawings:
+        with driver.noted_drawings() as drawings:
             yield from driver.start_job(300, iterations=60)
             previews.clear()
             yield from driver.wait_for(lambda: len(previews) > 2, 120.0, "three previews")

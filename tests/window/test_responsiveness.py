@@ -66,7 +66,7 @@ class TEST_OT_tick(bpy.types.Operator):
 
     def invoke(self, context, event):
         ticks.clear()
-        TEST_OT_tick.end = time.perf_counter() + self.seconds
+        TEST_OT_tick.end = time.monotonic() + self.seconds
         TEST_OT_tick.rung = -1.0
         self.timer = context.window_manager.event_timer_add(1 / 60, window=context.window)
         context.window_manager.modal_handler_add(self)
@@ -77,7 +77,7 @@ class TEST_OT_tick(bpy.types.Operator):
         if event.type != "TIMER" or self.timer.time_duration == TEST_OT_tick.rung:
             return {"PASS_THROUGH"}
         TEST_OT_tick.rung = self.timer.time_duration
-        now = time.perf_counter()
+        now = time.monotonic()
         ticks.append(now)
         if self.kind:
             driver.region(self.kind).tag_redraw()
@@ -238,14 +238,8 @@ class Held:
 
 def measure_one_redraw(name: str, seconds: float, begin: Callable[[], object]) -> driver.Steps:
     """Return how long the window is `Held` up while something redraws the viewport."""
-    drawings: list[float] = []
-    handle = bpy.types.SpaceView3D.draw_handler_add(
-        lambda: drawings.append(time.perf_counter()), (), "WINDOW", "POST_PIXEL"
-    )
-    try:
+    with driver.noted_drawings() as drawings:
         yield from measure("", name, seconds, begin)
-    finally:
-        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
     steps = list(pairwise(ticks))
     plain = [after - before for before, after in steps if not any(before < drawn < after for drawn in drawings)]
     drawn = sum(ticks[0] < each < ticks[-1] for each in drawings)
