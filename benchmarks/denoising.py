@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver import Settings, approximate
-from ..solver.denoising.denoise import denoise
+from ..solver import Settings, approximate, denoise
 from ..solver.mesh.triangulation import triangulate
 from ..solver.surface.metrics import normal_error
 from .bilateral import filtered

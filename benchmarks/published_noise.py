@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solver.denoising.denoise import denoise
+from ..solver import denoise
 from .cases import alone, unit_seconds
 from .denoising import closeness
 from .tables import Table

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .approximation.approximate import approximate, approximate_steps
+    from .approximation.denoised import denoise, denoise_steps
     from .approximation.report import Report
     from .approximation.result import Approximation
     from .blocks.approximate_blocks import BlockApproximation, approximate_blocks, approximate_blocks_steps
     from .blocks.surface import BlockSurface
-    from .denoising.denoise import denoise, denoise_steps
     from .errors import Cancelled, FileFormatError, InputError, SettingsError, SparseSurfaceError, WorkerError
     from .progress import FINISH, Progress, run_to_end
     from .reconstruction.in_parts import ThinReconstruction, reconstruct_parts, reconstruct_parts_steps
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "approximation.approximate": ("approximate", "approximate_steps"),
+    "approximation.denoised": ("denoise", "denoise_steps"),
     "approximation.report": ("Report",),
     "approximation.result": ("Approximation",),
     "blocks.approximate_blocks": ("BlockApproximation", "approximate_blocks", "approximate_blocks_steps"),
     "blocks.surface": ("BlockSurface",),
-    "denoising.denoise": ("denoise", "denoise_steps"),
     "errors": ("Cancelled", "FileFormatError", "InputError", "SettingsError", "SparseSurfaceError", "WorkerError"),
     "progress": ("FINISH", "Progress", "run_to_end"),
     "reconstruction.in_parts": ("ThinReconstruction", "reconstruct_parts", "reconstruct_parts_steps"),

@@ -16,7 +16,7 @@ from ..mesh.input_checks import as_positions, checked_edges
 from ..mesh.objects import given_mesh
 from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
-from ..patches.observations import MeshObservations, checked_weights
+from ..patches.observations import checked_weights
 from ..patches.patches import Patches
 from ..patches.splitting import with_domains
 from ..processes.threads import on_one_thread
@@ -27,7 +27,7 @@ from ..surface.creases import crease_edges
 from ..surface.metrics import domain_changes, faces_turned, strongest_patch
 from ..surface.representation import Representation
 from .containment import kept_inside
-from .crease_search import cut_along_creases
+from .crease_search import cut_along_creases, observing
 from .denoised import MeshInput, remove_noise
 from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
@@ -241,26 +241,14 @@ def _cut(
         return cut_along_marked(mesh, checked_edges(given.sharp_edges, len(mesh.vertices))), hurry
     if settings.creases == "off" or hurry:
         return mesh, hurry
-    return (yield from cut_along_creases(mesh, _observing(mesh, settings, weights), settings, runner))
-
-
-def _observing(
-    mesh: TriangleMesh, settings: Settings, weights: Array | None
-) -> Callable[[Patches, Array], MeshObservations]:
-    """What observes the mesh's vertices and the points inside its triangles."""
-    inside, curved = settings.observations == "centroids", settings.domains == "separate"
-
-    def observe(patches: Patches, blending: Array) -> MeshObservations:
-        return MeshObservations(mesh, patches, blending, settings.blending, weights, inside, curved)
-
-    return observe
+    return (yield from cut_along_creases(mesh, observing(mesh, settings, weights), settings, runner))
 
 
 def _covered(
     mesh: TriangleMesh, patches: Patches, settings: Settings, weights: Array | None, runner: ChunkRunner
 ) -> MeshSurface:
     """Map the patches to the plane."""
-    observe = _observing(mesh, settings, weights)
+    observe = observing(mesh, settings, weights)
     surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings, runner.each), observe, settings, runner)
     surface.preview = Preview(mesh, surface.patches, surface.domains, surface.blending)
     return surface

@@ -49,6 +49,16 @@ SHORTEST_END = 3
 Observe = Callable[[Patches, Array], MeshObservations]
 
 
+def observing(mesh: TriangleMesh, settings: Settings, weights: Array | None = None) -> Observe:
+    """What observes the mesh's vertices and the points inside its triangles."""
+    inside, curved = settings.observations == "centroids", settings.domains == "separate"
+
+    def observe(patches: Patches, blending: Array) -> MeshObservations:
+        return MeshObservations(mesh, patches, blending, settings.blending, weights, inside, curved)
+
+    return observe
+
+
 def cut_along_creases(
     mesh: TriangleMesh, observe: Observe, settings: Settings, runner: ChunkRunner
 ) -> Steps[tuple[TriangleMesh, bool]]:
@@ -56,20 +66,34 @@ def cut_along_creases(
 
     Also says whether `FINISH` was sent; then it stays as it is, too.
     """
-    creases, hurry = yield from _shown_creases(mesh, observe, settings, runner)
+    creases, hurry = yield from _shown(potential_creases(mesh), mesh, observe, settings, runner)
     give_back(len(mesh.vertices))  # what was fitted is forgotten
     return mesh if hurry or not creases.any() else cut_along(mesh, creases), hurry
 
 
-def _shown_creases(
-    mesh: TriangleMesh, observe: Observe, settings: Settings, runner: ChunkRunner
+def find_creases(mesh: TriangleMesh, triangles: Booleans, settings: Settings) -> Steps[tuple[Booleans, bool]]:
+    """Return the edges on creases between some of the triangles, (T,), as (E,), and whether `FINISH` was sent."""
+    between = (mesh.edge_triangles[:, 1] >= 0) & triangles[mesh.edge_triangles].all(axis=1)
+    potential = potential_creases(mesh).with_any_of(between)
+    creases, hurry = yield from _shown(potential, mesh, observing(mesh, settings), settings, ChunkRunner())
+    return creases & between, hurry
+
+
+def _shown(
+    potential: PotentialCreases, mesh: TriangleMesh, observe: Observe, settings: Settings, runner: ChunkRunner
 ) -> Steps[tuple[Booleans, bool]]:
-    """The edges along which to cut, (E,), and whether `FINISH` was sent; then there are none."""
-    potential = potential_creases(mesh)
+    """The edges, (E,), that patches over potential creases show to be creases, and whether `FINISH` was sent.
+
+    Then there are none.
+    """
     wanted, none = _nodes_beside(mesh, potential.edges), np.zeros(len(mesh.edges), dtype=bool)
     wanted &= ~mesh.passed_through[mesh.node_vertex]
     if not wanted.any():
         return none, False
+    steep = potential.edges & potential.steep
+    decided = _confirmed(potential, steep, steep)
+    if (decided == potential.edges).all():  # a fit could only say the same
+        return _completed(mesh, potential.dihedral, decided), False
     patches = build_patches(mesh, build_cover(mesh, settings.ring, wanted), settings.ring, wanted, runner.each)
     look = replace(settings, iterations=min(LOOK, settings.iterations), keep_iterations=False)
     surface = PatchedSurface(mesh, *with_domains(mesh, patches, settings, runner.each), observe, look, runner)
@@ -80,7 +104,7 @@ def _shown_creases(
     turn = turn_at_edges(representation, mesh, potential.edges, runner.each)
     seeds = potential.edges & (turn >= SEED_DEGREES)
     seeds &= edge_stretch(representation, mesh, seeds, runner.each) >= CREASE_STRETCH
-    strong, steep = seeds & (turn >= CREASE_DEGREES), potential.edges & potential.steep
+    strong = seeds & (turn >= CREASE_DEGREES)
     return _completed(mesh, potential.dihedral, _confirmed(potential, seeds | steep, strong | steep)), False
 
 

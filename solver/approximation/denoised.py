@@ -1,4 +1,6 @@
-"""Denoising as a part of `approximate`: noise is removed first, and the result is fitted only on request.
+"""Denoising with the creases that the domain optimisation shows, by itself and as a part of `approximate`.
+
+There noise is removed first, and the result is fitted only on request.
 
 Once a mesh has lost its noise, a sparse fit gains little: what a few functions cannot follow outweighs the noise that
 remains.  So the denoised mesh is the result, as a representation without patches, unless a fit is asked for.
@@ -6,20 +8,117 @@ remains.  So the denoised mesh is the result, as a representation without patche
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Indices
-from ..denoising.denoise import Denoised, denoise_steps
+from ..denoising.creases import FindCreases, no_creases
+from ..denoising.denoise import Denoised, denoise_with
+from ..mesh.objects import given_mesh
 from ..patches.observations import checked_weights
-from ..progress import FINISH, Progress, Steps, relayed
+from ..progress import FINISH, Progress, Steps, relayed, run_to_end
 from ..settings import Settings
 from ..surface.metrics import statistics
+from .crease_search import find_creases
 from .measuring import Deviation
+
+
+def denoise(
+    vertices: Any,
+    faces: ArrayLike | list[list[int]] | None = None,
+    *,
+    noise_level: float | None = None,
+    strength: float = 1.0,
+    triangles: tuple[Indices, Indices] | None = None,
+    sharp_edges: ArrayLike | None = None,
+    report: Callable[[Progress], str | None] | None = None,
+) -> Denoised:
+    """Remove the noise of a mesh but preserve its creases.
+
+    Quadratics h_k are fitted robustly to small patches that no crease crosses.  Each vertex x then moves by the d that
+    minimises the weighted mean of (n_k . d - h_k(x))^2 over the tangent planes n_k of its patches, plus a small
+    multiple of the squared part of d across its normal: to the surface, onto a crease or into a corner.  The patches
+    are guided by filtered normals after Zheng, Fu, Au and Tai, "Bilateral normal filtering for mesh denoising" (2011),
+    and on wide smooth sides once more by the first ones and by the creases that a fit finds on what these give.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) positions in scene units; without `faces` a pair, a mesh of another library or a file, as in
+        `approximate`.
+    faces
+        (F, n) vertex numbers, or a list of polygons.
+    noise_level
+        Standard deviation of the noise along the surface's normals, in scene units; None estimates it, and leaves a
+        clean mesh as it is.
+    strength
+        Multiplies the noise level, from 0 (nothing moves) to 10.
+    triangles
+        A known triangulation of the faces: corners (T, 3) and face numbers (T,).
+    sharp_edges
+        Pairs of vertex numbers, (n, 2), that no patch and no averaged normal reaches across.
+    report
+        Called with each `Progress`.
+
+    Returns
+    -------
+    Denoised
+        `vertices` (V, 3), `displacement` (V,), and the noise levels.
+
+    Raises
+    ------
+    InputError
+        When the mesh is not usable (see `build_mesh`).
+    SettingsError
+        When the noise level or the strength is out of range.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver import denoise
+    >>> denoised = denoise(vertices, faces, noise_level=1e-3)
+    >>> bool(denoised.displacement.max() <= 3.5 * denoised.noise_level * (1 + 1e-9))
+    True
+    """
+    given = given_mesh(vertices, faces)
+    steps = denoise_steps(
+        *(given.vertices, given.faces),
+        noise_level=noise_level,
+        strength=strength,
+        triangles=triangles,
+        sharp_edges=sharp_edges,
+    )
+    return replace(run_to_end(steps, report), given=given)
+
+
+def denoise_steps(
+    vertices: ArrayLike,
+    faces: ArrayLike | list[list[int]],
+    *,
+    noise_level: float | None = None,
+    strength: float = 1.0,
+    triangles: tuple[Indices, Indices] | None = None,
+    sharp_edges: ArrayLike | None = None,
+) -> Steps[Denoised]:
+    """`denoise` as a generator of `Progress`; closing it cancels, and after `FINISH` it fits fewer patches."""
+    return denoise_with(
+        *(_finding(Settings()), vertices, faces),
+        noise_level=noise_level,
+        strength=strength,
+        triangles=triangles,
+        sharp_edges=sharp_edges,
+    )
+
+
+def _finding(settings: Settings) -> FindCreases:
+    """What finds creases on a mesh that has lost most of its noise: as a fit with default settings does."""
+    if settings.creases != "auto":
+        return no_creases
+    return partial(find_creases, settings=Settings(solver=settings.solver).resolved())
 
 
 @dataclass(frozen=True)
@@ -70,9 +169,8 @@ def remove_noise(given: MeshInput, settings: Settings) -> Steps[MeshInput]:
     was sent.
     """
     weights = checked_weights(given.weights, len(given.positions))
-    steps = denoise_steps(
-        given.positions,
-        given.faces,
+    steps = denoise_with(
+        *(_finding(settings), given.positions, given.faces),
         noise_level=settings.noise_level or None,
         strength=settings.denoise_strength,
         triangles=given.triangles,

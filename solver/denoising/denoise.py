@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
@@ -15,11 +14,12 @@ from ..arrays import Array, Booleans, Indices
 from ..errors import InputError, SettingsError
 from ..mesh.input_checks import as_positions, checked_edges
 from ..mesh.normals import normals_and_areas, unit
-from ..mesh.objects import Given, given_mesh
+from ..mesh.objects import Given
 from ..mesh.potential_creases import cut_along_marked
 from ..mesh.triangle_mesh import TriangleMesh, build_mesh
 from ..processes.threads import on_one_thread
-from ..progress import FINISH, Progress, Steps, relayed, run_to_end, within
+from ..progress import FINISH, Progress, Steps, relayed, within
+from .creases import FindCreases, cut_between, no_creases
 from .found_noise import find_noise
 from .missed_shape import bring_back
 from .noise_level import STRONG, mean_edge_length
@@ -51,6 +51,9 @@ _BESIDE = 2
 
 _ON_WIDE_SIDES = 6.0
 """Their `largest_change`."""
+
+_AT_CREASES = 0.25
+"""How much the first patches weigh where creases were found that they did not know."""
 
 _COVERAGE = 6  # patches over each triangle that are enough ...
 _CROWD = 18  # ... and on wide sides over a seed, however few lie elsewhere, unless errors are alike
@@ -92,74 +95,9 @@ class Denoised:
         return self.given.back(self.vertices, kind)
 
 
-def denoise(
-    vertices: Any,
-    faces: ArrayLike | list[list[int]] | None = None,
-    *,
-    noise_level: float | None = None,
-    strength: float = 1.0,
-    triangles: tuple[Indices, Indices] | None = None,
-    sharp_edges: ArrayLike | None = None,
-    report: Callable[[Progress], str | None] | None = None,
-) -> Denoised:
-    """Remove the noise of a mesh but preserve its creases.
-
-    Quadratics h_k are fitted robustly to small patches that no crease crosses.  Each vertex x then moves by the d that
-    minimises the weighted mean of (n_k . d - h_k(x))^2 over the tangent planes n_k of its patches, plus a small
-    multiple of the squared part of d across its normal: to the surface, onto a crease or into a corner.  The patches
-    are guided by filtered normals after Zheng, Fu, Au and Tai, "Bilateral normal filtering for mesh denoising" (2011).
-
-    Parameters
-    ----------
-    vertices
-        (V, 3) positions in scene units; without `faces` a pair, a mesh of another library or a file, as in
-        `approximate`.
-    faces
-        (F, n) vertex numbers, or a list of polygons.
-    noise_level
-        Standard deviation of the noise along the surface's normals, in scene units; None estimates it, and leaves a
-        clean mesh as it is.
-    strength
-        Multiplies the noise level, from 0 (nothing moves) to 10.
-    triangles
-        A known triangulation of the faces: corners (T, 3) and face numbers (T,).
-    sharp_edges
-        Pairs of vertex numbers, (n, 2), that no patch and no averaged normal reaches across.
-    report
-        Called with each `Progress`.
-
-    Returns
-    -------
-    Denoised
-        `vertices` (V, 3), `displacement` (V,), and the noise levels.
-
-    Raises
-    ------
-    InputError
-        When the mesh is not usable (see `build_mesh`).
-    SettingsError
-        When the noise level or the strength is out of range.
-
-    Examples
-    --------
-    >>> from sparse_surface.solver import denoise
-    >>> denoised = denoise(vertices, faces, noise_level=1e-3)
-    >>> bool(denoised.displacement.max() <= 3.5 * denoised.noise_level * (1 + 1e-9))
-    True
-    """
-    given = given_mesh(vertices, faces)
-    steps = denoise_steps(
-        *(given.vertices, given.faces),
-        noise_level=noise_level,
-        strength=strength,
-        triangles=triangles,
-        sharp_edges=sharp_edges,
-    )
-    return replace(run_to_end(steps, report), given=given)
-
-
 @on_one_thread
-def denoise_steps(
+def denoise_with(
+    find_creases: FindCreases,
     vertices: ArrayLike,
     faces: ArrayLike | list[list[int]],
     *,
@@ -168,17 +106,22 @@ def denoise_steps(
     triangles: tuple[Indices, Indices] | None = None,
     sharp_edges: ArrayLike | None = None,
 ) -> Steps[Denoised]:
-    """`denoise` as a generator of `Progress`; closing it cancels, and after `FINISH` it fits fewer patches."""
+    """Denoise a mesh as `approximation.denoised` does, with what finds creases after a first pass."""
     _check(noise_level, strength)
     given = as_positions(vertices)
     mesh = build_mesh(given, faces, triangles)
     marked = checked_edges(sharp_edges, len(mesh.vertices))
     surface = build_surface(mesh, cut_along_marked(mesh, marked) if len(marked) else None)
-    return (yield from _denoised(given, mesh, surface, noise_level, strength))
+    return (yield from _denoised(given, mesh, surface, noise_level, strength, find_creases))
 
 
 def _denoised(
-    given: NDArray[Any], mesh: TriangleMesh, surface: Surface, noise_level: float | None, strength: float
+    given: NDArray[Any],
+    mesh: TriangleMesh,
+    surface: Surface,
+    noise_level: float | None,
+    strength: float,
+    find_creases: FindCreases,
 ) -> Steps[Denoised]:
     yield Progress("Estimating the noise", 0.0)
     edge = mean_edge_length(mesh)
@@ -189,7 +132,7 @@ def _denoised(
         return Denoised(unmoved, 0.0, found.level, 0.0, np.zeros(len(given)))
     known = max(asked, found.level)
     noise = _Noise(asked, known, edge, found.sideways, inflation=found.inflation, length=found.length)
-    moved, level = yield from within(_without_noise(mesh, surface, noise), 0.05, 1.0)
+    moved, level = yield from within(_without_noise(mesh, surface, noise, find_creases), 0.05, 1.0)
     result = moved.astype(given.dtype if np.issubdtype(given.dtype, np.floating) else np.float64)
     displacement = np.linalg.norm(result.astype(np.float64) - mesh.vertices, axis=1)
     return Denoised(result, level, found.level, level / edge, displacement)
@@ -243,7 +186,9 @@ class _Noise:
         return replace(self, level=self.level * factor, known=self.known * factor, edge=self.edge * factor)
 
 
-def _without_noise(mesh: TriangleMesh, surface: Surface, noise: _Noise) -> Steps[tuple[Array, float]]:
+def _without_noise(
+    mesh: TriangleMesh, surface: Surface, noise: _Noise, find_creases: FindCreases = no_creases
+) -> Steps[tuple[Array, float]]:
     """Return the moved vertices, and the noise level that was finally used."""
     used = mesh.vertices[mesh.triangles]
     centre, scale = used.mean(axis=(0, 1)), mesh.longest_side
@@ -252,7 +197,7 @@ def _without_noise(mesh: TriangleMesh, surface: Surface, noise: _Noise) -> Steps
     fraction = 0.0
     for step in range(_STEPS_DOWN + 1):
         end = fraction + 0.8 * (1.0 - fraction)
-        fitting = relayed(_pass(surface, noisy, noise), lambda shown: _placed(shown, scale, centre))
+        fitting = relayed(_pass(surface, noisy, noise, find_creases), lambda shown: _placed(shown, scale, centre))
         moved, directions = yield from within(fitting, fraction, end)
         along = np.abs(((moved - noisy) * directions).sum(axis=1))[mesh.used[: len(noisy)]]
         # Removing noise moves half of the vertices by less than 0.67 of its level; larger moves flatten the shape.
@@ -269,7 +214,7 @@ def _placed(step: Progress, scale: float, centre: Array) -> Progress:
     return step if surface is None else replace(step, surface=lambda: surface() * scale + centre)
 
 
-def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, Array]]:
+def _pass(surface: Surface, noisy: Array, noise: _Noise, find_creases: FindCreases) -> Steps[tuple[Array, Array]]:
     """Return vertices without the noise, and their normals."""
     yield Progress("Filtering normals", 0.0)
     if noise.effective < STRONG * noise.edge:
@@ -283,19 +228,43 @@ def _pass(surface: Surface, noisy: Array, noise: _Noise) -> Steps[tuple[Array, A
         guide, fitting = normals, _average_of_patches(surface, noisy, normals, noise, rule)
         average = yield from within(fitting, 0.05 + 0.6 * number / len(rules), 0.05 + 0.6 * (number + 1) / len(rules))
         normals = average.normals(guide)
-    wide = _beside_wide_patches(surface, average, rules[-1])
-    if wide.any() and not average.hurried:
-        rule = replace(rules[-1], largest_change=_ON_WIDE_SIDES)
-        guide = unit(guide + normals)
-        fitting = _average_of_patches(surface, noisy, guide, noise, rule, (wide, average))
-        average.include((yield from within(fitting, 0.65, 0.95)))
-        normals = average.normals(normals)
+    again = _again_on_wide_sides(surface, noisy, (guide, normals), average, noise, rules[-1], find_creases)
+    yield from within(again, 0.65, 0.95)
+    normals = average.normals(normals)
     preview = Preview(surface, noisy, normals, noise.level, noise.known)
     yield Progress("Moving vertices", 0.95, surface=partial(preview.vertices, average))
     _, areas = normals_and_areas(noisy, surface.triangles)
     directions = update_directions(normals, areas, surface, len(noisy))
     moved = _moved(surface, noisy, normals, average, directions, noise)
     return moved, directions
+
+
+def _again_on_wide_sides(
+    surface: Surface,
+    noisy: Array,
+    guides: tuple[Array, Array],
+    average: PatchAverage,
+    noise: _Noise,
+    rule: PatchRule,
+    find_creases: FindCreases,
+) -> Steps[None]:
+    """Add patches that are guided by the first ones' normals, too, and reach across no crease between wide sides."""
+    wide = _beside_wide_patches(surface, average, rule)
+    if not wide.any() or average.hurried:
+        return
+    guide, normals = guides
+    preview = Preview(surface, noisy, normals, noise.level, noise.known)
+    sides = yield from within(cut_between(surface, wide, find_creases, partial(preview.vertices, average)), 0.0, 0.2)
+    if sides.found:
+        guide = filter_normals(sides.surface, noisy, noise.effective)
+    average.hurried |= sides.hurry
+    if average.hurried:
+        return
+    rule = replace(rule, largest_change=_ON_WIDE_SIDES)
+    fitting = _average_of_patches(sides.surface, noisy, unit(guide + normals), noise, rule, (wide, average))
+    second = yield from within(fitting, 0.2, 1.0)
+    average.fade(sides.triangles, sides.vertices, _AT_CREASES)
+    average.include(second)
 
 
 def _beside_wide_patches(surface: Surface, average: PatchAverage, rule: PatchRule) -> Booleans:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Booleans, Indices
 from ..mesh.normals import unit
 from .one_sided_patches import Fits
 
@@ -41,6 +41,10 @@ class _Sums:
         sums = self._sums.copy()
         _add(sums, self._places, self._rows)
         return sums
+
+    def fade(self, where: Booleans, share: float) -> None:
+        self._flush()
+        self._sums[where] *= share
 
     def include(self, other: _Sums) -> None:
         self._flush()
@@ -128,6 +132,11 @@ class PatchAverage:
         covered, sizes = fits.triangles[covers], covers.sum(axis=1)
         np.add.at(self._covers[:, 0], covered, 1)
         np.add.at(self._covers[:, 1], covered, np.repeat(sizes, sizes))
+
+    def fade(self, triangles: Booleans, vertices: Booleans, share: float) -> None:
+        """Let the patches so far weigh only that share over some triangles, (T,), and at some vertices, (V,)."""
+        self._normals.fade(triangles, share)
+        self._planes.fade(vertices, share)
 
     def include(self, other: PatchAverage) -> None:
         """Add all patches of another average over the same mesh."""

@@ -37,7 +37,8 @@ class Preview:
         planes = first.planes_so_far(*others)
         levels = (self._noise_level, self._known_level)
         moved, _ = move_wild_ones_far(self._noisy, planes, self._directions, *levels)
-        return np.where((planes[2] > 0)[:, None], moved, self._following)
+        known = planes[2] > 0
+        return moved if known.all() else np.where(known[:, None], moved, self._following)
 
     @cached_property
     def _directions(self) -> Array:

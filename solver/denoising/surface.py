@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Booleans, Indices
-from ..mesh.triangle_mesh import TriangleMesh
+from ..mesh.triangle_mesh import TriangleMesh, cut_along
 
 _CROWD = 64  # corners around a vertex beyond which its triangles count as neighbours only across edges
 
@@ -29,12 +29,21 @@ class Surface:
         Vertices on open borders and where surfaces meet, (V,).
     around
         Which triangles share a vertex, (T, T), without the triangle itself; the pattern counts, not the values.
+    mesh
+        The mesh, cut where triangles are not neighbours.
     """
 
     triangles: Indices
     neighbours: Indices
     border: Booleans
     around: csr_array
+    mesh: TriangleMesh
+
+    def cut_along(self, creases: Booleans) -> Surface:
+        """Return the same triangles, which are not neighbours across some edges of `mesh`, (E,)."""
+        cut = cut_along(self.mesh, creases)
+        neighbours = _neighbours(cut)
+        return replace(self, neighbours=neighbours, around=_around(cut, neighbours), mesh=cut)
 
 
 def build_surface(mesh: TriangleMesh, cut: TriangleMesh | None = None) -> Surface:
@@ -46,12 +55,16 @@ def build_surface(mesh: TriangleMesh, cut: TriangleMesh | None = None) -> Surfac
     triangles = mesh.triangles.copy()
     turned = mesh.winding < 0
     triangles[turned] = triangles[turned, ::-1]
-    both = mesh.edge_triangles[mesh.triangle_edges]
-    across = both.sum(axis=2) - np.arange(len(triangles))[:, None]
-    neighbours = np.where((both[..., 1] < 0) | mesh.collapsed[:, None], -1, across)
+    neighbours = _neighbours(mesh)
     border = np.zeros(len(whole.vertices), dtype=bool)
     border[whole.node_vertex[whole.border]] = True
-    return Surface(triangles, neighbours, border, _around(mesh, neighbours))
+    return Surface(triangles, neighbours, border, _around(mesh, neighbours), mesh)
+
+
+def _neighbours(mesh: TriangleMesh) -> Indices:
+    both = mesh.edge_triangles[mesh.triangle_edges]
+    across = both.sum(axis=2) - np.arange(len(mesh.triangles))[:, None]
+    return np.where((both[..., 1] < 0) | mesh.collapsed[:, None], -1, across)
 
 
 def _around(mesh: TriangleMesh, neighbours: Indices) -> csr_array:

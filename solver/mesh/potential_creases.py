@@ -7,7 +7,7 @@ line of edges and hardly at the lines beside it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,12 @@ class PotentialCreases:
     def edges(self) -> Booleans:
         """Which edges are potential creases, (E,)."""
         return self.chain >= 0
+
+    def with_any_of(self, edges: Booleans) -> PotentialCreases:
+        """Keep the chains that some of these edges, (E,), belong to."""
+        kept = np.zeros(int(self.chain.max(initial=-1)) + 2, dtype=bool)  # the last is that of edges without a chain
+        kept[self.chain[edges & self.edges]] = True
+        return replace(self, chain=np.where(kept[self.chain], self.chain, -1))
 
 
 def potential_creases(mesh: TriangleMesh) -> PotentialCreases:

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sparse_surface.solver import Settings, approximate
-from sparse_surface.solver.denoising.denoise import denoise
+from sparse_surface.solver import Settings, approximate, denoise
 from sparse_surface.solver.errors import InputError, SettingsError
 from threadpoolctl import threadpool_info
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.solver import FINISH, Settings, approximate, approximate_steps, resample, run_to_end
-from sparse_surface.solver.denoising.denoise import denoise
+from sparse_surface.solver import FINISH, Settings, approximate, approximate_steps, denoise, resample, run_to_end
 
 QUICK = {"iterations": 3, "sweeps": 0, "workers": 1}
 

@@ -785,7 +785,7 @@ def test_a_level_that_moves_more_than_the_noise_is_halved(
     mesh = build_mesh(vertices, faces)
     up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
 
-    def by_the_level(_: object, noisy: Array, noise: steps._Noise) -> Iterator[Progress]:
+    def by_the_level(_: object, noisy: Array, noise: steps._Noise, __: object) -> Iterator[Progress]:
         yield Progress("moving", 0.5)
         assert noise.edge * np.ptp(vertices, axis=0).max() == pytest.approx(mean_edge_length(mesh))
         return noisy + noise.level * up, up

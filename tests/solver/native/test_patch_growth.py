@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.benchmarks import generated_models as models
+from sparse_surface.solver import denoise
 from sparse_surface.solver.denoising import patch_growth
-from sparse_surface.solver.denoising.denoise import denoise
 from sparse_surface.solver.denoising.patch_growth import PlainGrowth, agreeing_neighbours, growth_on, most_rings
 from sparse_surface.solver.denoising.surface import build_surface
 from sparse_surface.solver.mesh.normals import normals_and_areas, unit
