@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import MODELS, cube
-from sparse_surface.solver import Settings, approximate
+from sparse_surface.solver import FINISH, Settings, approximate, approximate_steps, run_to_end
+from sparse_surface.solver.approximation import tolerance
+from sparse_surface.solver.approximation.patched_surface import cover
 from sparse_surface.solver.approximation.tolerance import _across_creases
+from sparse_surface.solver.mesh.potential_creases import cut_along_marked, dihedrals
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
+from sparse_surface.solver.surface.bounds import exceeding
 
 
 def independent_error(result, vertices):
@@ -69,6 +74,62 @@ def test_rounds_use_smaller_rings_then_more_functions_and_hidden_patches_go():
     assert highest.min() > 0.01
     laid = plain.report["patches"] + sum(r["patches"] for r in rounds)
     assert result.report["patches"] < laid, "finer patches hide coarser ones"
+
+
+def test_patches_that_are_not_needed_go(monkeypatch):
+    vertices, faces = MODELS["flower"]()
+    settings = Settings(workers=1, tolerance=6e-4 * np.ptp(vertices, axis=0).max(), sweeps=0, iterations=6)
+    result = approximate(vertices, faces, settings)
+
+    def nothing(surface):
+        yield from ()
+
+    monkeypatch.setattr(tolerance, "_drop_needless", nothing)
+    before = approximate(vertices, faces, settings)
+    assert result.report["patches"] < 0.8 * before.report["patches"]
+    assert result.report["passed_through_vertices"] == before.report["passed_through_vertices"]
+    assert result.report["tolerance"]["rounds"] == before.report["tolerance"]["rounds"]
+    assert independent_error(result, vertices) <= result.report["tolerance"]["achieved"] <= settings.tolerance
+    assert not exceeding(result.representation, settings.tolerance).any()
+
+
+def test_whoever_finishes_early_does_not_wait_for_patches_to_be_looked_at(monkeypatch):
+    vertices, faces = cube(8)
+    settings = Settings(workers=1, tolerance=3e-4, sweeps=0, iterations=4, sparsity=10, creases="off")
+
+    def never(surface):
+        raise AssertionError("looked at")
+        yield
+
+    monkeypatch.setattr(tolerance, "_drop_needless", never)
+    steps = approximate_steps(vertices, faces, settings)
+    result = run_to_end(steps, lambda step: FINISH if "triangles left" in step.detail else None)
+    assert result.report["tolerance"]["achieved"] <= settings.tolerance
+    with pytest.raises(AssertionError, match="looked at"):
+        approximate(vertices, faces, settings)
+
+
+def test_a_patch_has_a_part_in_its_triangles_and_across_its_creases():
+    mesh = build_mesh(*cube(8))
+    mesh = cut_along_marked(mesh, mesh.edges[dihedrals(mesh) > 75.0])
+    surface = SimpleNamespace(mesh=mesh, patches=cover(mesh, 4))
+    found = tolerance._parts(surface)
+    assert len(mesh.creases)
+    assert found.shape == (len(surface.patches), len(mesh.triangles))
+    wider = 0
+    for patch in range(len(surface.patches)):
+        own = np.zeros(len(mesh.triangles), dtype=bool)
+        own[surface.patches.select([patch]).mesh_triangles] = True
+        expected = own | _across_creases(mesh, own)
+        wider += int((expected & ~own).sum())
+        assert np.array_equal(found[[patch]].toarray()[0] > 0, expected)
+    assert wider
+    together = tolerance._apart(found, np.arange(len(surface.patches)))
+    times = (found.toarray() > 0)[together].sum(axis=0)
+    assert len(together) > 1
+    assert times.max() == 1
+    for patch in np.setdiff1d(np.arange(len(surface.patches)), together):
+        assert times[found[[patch]].indices].any(), "it could have been taken, too"
 
 
 @pytest.mark.long
