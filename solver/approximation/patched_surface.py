@@ -395,6 +395,6 @@ OscillationTest = Callable[[PatchedSurface[Observing]], Iterator[tuple[Booleans,
 """Finds the patches that oscillate between their observations, and what to fit them to (see `refit_oscillating`)."""
 
 
-def cover(mesh: TriangleMesh, ring: int, each: Each = map) -> Patches:
-    """Cover a mesh with patches of this ring."""
-    return build_patches(mesh, build_cover(mesh, ring), ring, each=each)
+def cover(mesh: TriangleMesh, ring: int, each: Each = map, closer: int = 0) -> Patches:
+    """Cover a mesh with patches of this ring, as few as can be or so many that rings smaller by `closer` would do."""
+    return build_patches(mesh, build_cover(mesh, max(ring - closer, 1)), ring, each=each)

@@ -28,8 +28,17 @@ NEARLY_LEAST = 0.35
 """Of radii whose risks exceed the least by less than this share of the noise's variance the largest is taken: fits that
 move their domains follow the surface better than the estimate says, and larger patches reach across gaps."""
 
+CLOSER = 1
+"""In noise there are as many patches as rings smaller by this would need: with more patches at each place, more of what
+noise does to each of them is averaged away (bagging, Breiman 1996)."""
+
 LARGEST_SHIFT = 0.1
 """How far the domain is expected to move, in patch radii: the prior that sets the regularisation for noisy data."""
+
+
+def is_noisy(geometry: CloudGeometry) -> bool:
+    """Whether the noise of a cloud counts."""
+    return geometry.noise > NEGLIGIBLE_NOISE * geometry.spacing
 
 
 def ring_for_noise(
@@ -40,7 +49,7 @@ def ring_for_noise(
     A patch's risk is its mean squared residual minus the noise's variance, plus twice the variance times the functions
     per point: what the residual would be on new points.  For this patches are fitted over their initial domains.
     """
-    if geometry.noise <= NEGLIGIBLE_NOISE * geometry.spacing:
+    if not is_noisy(geometry):
         return RINGS[0]
     risks = [_risk(mesh, cloud, geometry, settings, ring, runner) for ring in RINGS]
     good = np.flatnonzero(np.array(risks) <= min(risks) + NEARLY_LEAST * geometry.noise**2)

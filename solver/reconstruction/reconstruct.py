@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ..approximation.approximate import SOLVE_ENDS
 from ..approximation.measuring import measured_iterations
-from ..approximation.patched_surface import OscillationTest, PatchedSurface
+from ..approximation.patched_surface import OscillationTest, PatchedSurface, cover
 from ..approximation.report import Stopwatch, noting_early_end
 from ..approximation.runner import ChunkRunner, chunk_runner
 from ..arrays import Array
@@ -28,6 +28,7 @@ from ..mesh.closest_points import Footpoints
 from ..mesh.objects import given_mesh
 from ..mesh.projection import project
 from ..mesh.triangle_mesh import TriangleMesh
+from ..patches.splitting import with_domains
 from ..processes.threads import on_one_thread
 from ..progress import Progress, Steps, run_to_end, within
 from ..settings import CloudSettings, Settings
@@ -37,7 +38,7 @@ from .correction import nearest_on_surface
 from .geometry import NOISIEST, CloudGeometry, analyse
 from .kept_near import kept_near
 from .measured import MEASURING_STEPS, measured
-from .noise import iterations_for_noise, ring_for_noise
+from .noise import CLOSER, is_noisy, iterations_for_noise, ring_for_noise
 from .noise_bias import WholeSurface, without_bias
 from .observations import CloudObservations, ObservedCloud, filled, fillers, held_at_border, observer
 from .oscillation import CloudSurface, oscillating_in_cloud
@@ -226,7 +227,7 @@ class _Work:
             self.settings = self._adapted_settings(observed)
             observed = yield from within(self._filled(observed), 0.0, 0.02)
         with self.watch.stage("domains"):
-            surface = self._covered(observed, self.settings)
+            surface = self._covered(observed, self.settings, CLOSER if is_noisy(self.geometry) else 0)
         if not len(surface.patches):
             raise InputError("The base has no room for a patch: none of its triangles are connected.")
         if self.cloud.robust != "none":
@@ -287,8 +288,11 @@ class _Work:
         sweeps = max(self.asked.sweeps, self.cloud.corrections)
         return replace(self.asked, ring=ring, iterations=iterations, sweeps=sweeps)
 
-    def _covered(self, observed: ObservedCloud, settings: Settings) -> CloudSurface:
-        return PatchedSurface.covering(self.mesh, observer(self.mesh, settings, observed), settings, self.runner)
+    def _covered(self, observed: ObservedCloud, settings: Settings, closer: int = 0) -> CloudSurface:
+        patches = cover(self.mesh, settings.ring, self.runner.each, closer)
+        patches, domains = with_domains(self.mesh, patches, settings, self.runner.each)
+        observe = observer(self.mesh, settings, observed)
+        return PatchedSurface(self.mesh, patches, domains, observe, settings, self.runner)
 
     def _filled(self, observed: ObservedCloud) -> Steps[ObservedCloud]:
         """Fill triangles with hardly any points from a coarse fit, whose larger patches reach those with more."""

@@ -52,7 +52,7 @@ def bent_tube(random: np.random.Generator, count: int) -> np.ndarray:
     return middle(t) + 0.25 * (np.cos(s)[:, None] * one + np.sin(s)[:, None] * np.cross(along, one))
 
 
-@pytest.mark.parametrize("seed", [12])
+@pytest.mark.parametrize("seed", [8, 12])
 def test_strays_in_the_noise_do_not_bend_the_surface(seed: int) -> None:
     random = np.random.default_rng(seed)
     points = bent_tube(random, 6000)
@@ -63,6 +63,6 @@ def test_strays_in_the_noise_do_not_bend_the_surface(seed: int) -> None:
     truth = cKDTree(bent_tube(np.random.default_rng(2), 400_000))
     away = truth.query(outcome.vertices.astype(np.float64))[0] / size
     assert np.sqrt((away**2).mean()) < 2.5e-3
-    assert away.max() < 1.2e-2
+    assert away.max() < 1e-2
     # of the points themselves hardly any is left out
     assert (outcome.point_weight[:6000] == 0.0).mean() < 0.01

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_clouds import ball, head
+from sparse_surface.solver import CloudSettings, reconstruct
+from sparse_surface.solver.approximation.patched_surface import cover
 from sparse_surface.solver.approximation.runner import ChunkRunner
 from sparse_surface.solver.fitting.pursuit import least_squares_pursuit, matching_pursuit
 from sparse_surface.solver.mesh.projection import project
@@ -83,3 +85,22 @@ def test_patches_grow_with_the_noise() -> None:
     assert chosen_ring(ball(4000, 100)) == 1
     assert chosen_ring(ball(4000, 100, noise=0.005)) > 1
     assert chosen_ring(head(6000, 150)) == 1
+
+
+def test_more_patches_of_the_same_radius_lie_over_each_place() -> None:
+    cloud = ball(4000, 100)
+    mesh = checked_base(cloud.base_vertices, cloud.base_faces)
+    few, closer, more = (len(cover(mesh, ring, closer=by)) for ring, by in ((3, 0), (3, 1), (2, 0)))
+    assert few < closer == more
+    assert set(cover(mesh, 3, closer=1).rings) == {3}
+    assert len(cover(mesh, 2, closer=5)) == len(mesh.vertices)
+
+
+@pytest.mark.parametrize(("noise", "closer"), [(0.0, 0), (0.005, 1)])
+def test_only_clouds_with_noise_get_more_patches(noise: float, closer: int) -> None:
+    cloud = ball(2000, 60, noise=noise)
+    settings = Settings(workers=1, iterations=1)
+    result = reconstruct(cloud.points, cloud.base_vertices, cloud.base_faces, settings, CloudSettings(ring=2))
+    mesh = checked_base(cloud.base_vertices, cloud.base_faces)
+    assert result.report["patches"] == len(cover(mesh, 2, closer=closer))
+    assert len(cover(mesh, 2)) < len(cover(mesh, 2, closer=1))
