@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, Indices
+from .mesh.quads import cut_quads
 from .settings import CloudSettings
 
 if TYPE_CHECKING:
@@ -35,10 +36,9 @@ class MeshArrays:
         (C,) vertex of each polygon corner, polygon after polygon.
     sizes
         (F,) number of corners of each polygon.
-    triangles
-        (T, 3) vertices of the triangles that the polygons are split into.
-    triangle_polygons
-        (T,) polygon of each triangle.
+    triangulation
+        The triangles that the polygons are split into and the polygon of each, (T, 3) and (T,); `None` where there are
+        triangles and quads only: how Blender splits them is computed on access.
     weights
         (V,) observation weights in [0, 1], or `None` where all are 1.
     sharp_edges
@@ -48,10 +48,28 @@ class MeshArrays:
     vertices: NDArray[np.float32]
     corners: NDArray[np.int32]
     sizes: NDArray[np.int32]
-    triangles: NDArray[np.int32]
-    triangle_polygons: NDArray[np.int32]
+    triangulation: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
     weights: NDArray[np.float32] | None = None
     sharp_edges: NDArray[np.int32] | None = None
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """Vertices of the triangles, (T, 3)."""
+        return self._cut[0]
+
+    @property
+    def triangle_polygons(self) -> NDArray[np.int32]:
+        """Polygon of each triangle, (T,)."""
+        return self._cut[1]
+
+    @property
+    def triangle_count(self) -> int:
+        """How many triangles there are: known before the polygons are split."""
+        return len(self.corners) - 2 * len(self.sizes)
+
+    @cached_property
+    def _cut(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        return self.triangulation or cut_quads(self.vertices, self.corners, self.sizes)
 
     def polygons(self) -> NDArray[np.int32] | list[NDArray[np.int32]]:
         """Return the polygons as `approximate` takes them: (F, n), or a list where their sizes differ."""

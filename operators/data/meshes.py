@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...solver.errors import InputError
 from ...solver.interchange import MeshArrays
+from ...solver.mesh.quads import cut_quads
 from .attributes import fetch, put, read_built_in, write_positions
 
 
@@ -126,10 +127,15 @@ def read_mesh(
     """Copy a mesh into arrays, its positions stretched by `lengths`."""
     vertices = read_positions(mesh)
     corners, sizes = read_polygons(mesh)
-    triangles, triangle_polygons = read_triangles(mesh, vertices, corners, sizes)
-    if lengths is not None:
-        vertices = lengths.from_local(vertices)
-    return MeshArrays(vertices, corners, sizes, triangles, triangle_polygons, weights, _sharp_edges(mesh))
+    stretched = vertices if lengths is None else lengths.from_local(vertices)
+    # Blender splits quads before they are stretched, which can change how it does that.
+    later = stretched is vertices and not _has_larger_polygons(sizes)
+    triangulation = None if later else read_triangles(mesh, vertices, corners, sizes)
+    return MeshArrays(stretched, corners, sizes, triangulation, weights, _sharp_edges(mesh))
+
+
+def _has_larger_polygons(sizes: NDArray[np.int32]) -> bool:
+    return bool(sizes.size and (sizes.min() < 3 or sizes.max() > 4))
 
 
 def read_positions(mesh: Mesh) -> NDArray[np.float32]:
@@ -162,42 +168,10 @@ def read_triangles(
     mesh: Mesh, positions: NDArray[np.float32], corners: NDArray[np.int32], sizes: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the triangles that Blender cuts the polygons into, (T, 3), and the polygon of each, (T,)."""
-    if np.all(sizes == 3):
-        return corners.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32)
-    if sizes.min() >= 3 and sizes.max() <= 4:  # Blender takes twice as long to list the corners of its triangles
-        return _cut_quads(positions, corners, sizes)
+    if not _has_larger_polygons(sizes):  # Blender takes twice as long to list the corners of its triangles
+        return cut_quads(positions, corners, sizes)
     mesh.calc_loop_triangles()
     return fetch(mesh.loop_triangles, "vertices", np.int32, 3), fetch(mesh.loop_triangle_polygons, "value", np.int32)
-
-
-def _cut_quads(
-    positions: NDArray[np.float32], corners: NDArray[np.int32], sizes: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Cut triangles and quads as Blender does.
-
-    A quad (0, 1, 2, 3) becomes (0, 1, 2) and (0, 2, 3), or (0, 1, 3) and (1, 2, 3) if the line from 0 to 2 leaves it.
-    """
-    starts = np.cumsum(sizes) - sizes
-    first = starts - 2 * np.arange(len(sizes))  # a polygon has two triangles fewer than corners
-    polygons = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes - 2)
-    triangles = np.empty((len(polygons), 3), dtype=np.int32)
-    triangles[first] = corners.take(starts[:, None] + np.arange(3))
-    is_quad = sizes == 4
-    quads, first = corners.take(starts[is_quad, None] + np.arange(4)), first[is_quad]
-    leaves = _first_cut_leaves(positions, quads)
-    triangles[first, 2] = np.where(leaves, quads[:, 3], quads[:, 2])
-    triangles[first + 1] = quads[:, 1:]
-    triangles[first + 1, 0] = np.where(leaves, quads[:, 1], quads[:, 0])
-    return triangles, polygons
-
-
-def _first_cut_leaves(positions: NDArray[np.float32], quads: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Whether the line from 0 to 2 leaves a quad, (Q,): (p1 - p0) x (p2 - p0) . (p3 - p0) x (p2 - p0) > 0."""
-    corners = (axis.take(quads.T) for axis in positions.T)
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused later, in a sentence
-        x, y, z = (axis[1:] - axis[0] for axis in corners)
-        normals = [(a[0] * b[1] - b[0] * a[1]) * (a[2] * b[1] - b[2] * a[1]) for a, b in ((y, z), (z, x), (x, y))]
-        return normals[0] + normals[1] + normals[2] > 0.0
 
 
 def read_edges(mesh: Mesh) -> NDArray[np.int64]:

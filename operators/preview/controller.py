@@ -116,7 +116,7 @@ class LivePreview:
         error = np.linalg.norm(drawn - source.arrays.vertices[part.vertices], axis=1)
         scale = self._scale(context.scene, source, error)
         overlay.show(source, drawn, scale.colours(error), part.triangles)
-        first = source.session_uid not in self._seen and len(source.arrays.triangles) <= MOST_TRIANGLES
+        first = source.session_uid not in self._seen and source.arrays.triangle_count <= MOST_TRIANGLES
         if self._asks_for_drawing or first:
             redraw_regions(context, "WINDOW")
         self._seen.add(source.session_uid)

@@ -39,7 +39,7 @@ class DrawnPart:
     def __init__(self, arrays: MeshArrays, most: int) -> None:
         """Start to look for at most `most` triangles."""
         self.ready = False
-        if len(arrays.triangles) <= most:
+        if arrays.triangle_count <= most:
             self._find(arrays, most)
         else:
             Thread(target=self._find, args=(arrays, most)).start()

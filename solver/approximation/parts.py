@@ -53,8 +53,10 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
         vertices=np.concatenate([each.vertices for each in meshes]),
         corners=np.concatenate([each.corners + start for each, start, _ in counted]),
         sizes=np.concatenate([each.sizes for each in meshes]),
-        triangles=np.concatenate([each.triangles + start for each, start, _ in counted]),
-        triangle_polygons=np.concatenate([each.triangle_polygons + start for each, _, start in counted]),
+        triangulation=(
+            np.concatenate([each.triangles + start for each, start, _ in counted]),
+            np.concatenate([each.triangle_polygons + start for each, _, start in counted]),
+        ),
         weights=None if all(each.weights is None for each in meshes) else np.concatenate(weights),
         sharp_edges=np.concatenate(sharp) if sharp else None,
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy  # loads `optimize` on first use
 from scipy.sparse import csr_array
 
 from ..arrays import Array, Indices, slices_of
@@ -79,8 +79,8 @@ def correlated_noise(mesh: TriangleMesh, normals: Array, has_lines: bool = False
     if has_lines:
         return _noise_with_lines(np.hstack([noise[:, :1], _spectrum_of_lines()[0], shape]) / found[:, None])
     ones = np.ones(len(RINGS))
-    _, white = nnls(np.hstack([noise[:, :1], shape]) / found[:, None], ones)
-    parts, rest = nnls(np.hstack([noise, shape]) / found[:, None], ones)
+    _, white = scipy.optimize.nnls(np.hstack([noise[:, :1], shape]) / found[:, None], ones)
+    parts, rest = scipy.optimize.nnls(np.hstack([noise, shape]) / found[:, None], ones)
     total = float(parts[:-1].sum())
     if white < _UNLIKE_WHITE or rest > _EXPLAINED * white or parts[-1] > _SHAPE_SHARE * found[-1] or total == 0:
         return None
@@ -89,7 +89,7 @@ def correlated_noise(mesh: TriangleMesh, normals: Array, has_lines: bool = False
 
 
 def _noise_with_lines(spectra: Array) -> CorrelatedNoise | None:
-    parts, _ = nnls(spectra, np.ones(len(spectra)))
+    parts, _ = scipy.optimize.nnls(spectra, np.ones(len(spectra)))
     independent, lines, _ = parts
     total = float(independent + lines)
     if total == 0:

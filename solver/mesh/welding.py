@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # loads `spatial` on first use
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..arrays import Array, Booleans, Indices, any_of, extent_of, length_of
 from ..errors import InputError
@@ -240,7 +240,7 @@ def _groups(points: Array, distance: Array) -> Indices:
     place, places = place.reshape(-1), rows[:, :3]
     if largest <= 0.0:
         return place
-    tree = cKDTree(places)
+    tree = scipy.spatial.cKDTree(places)
     if tree.count_neighbors(tree, largest) > (1 + MOST_NEIGHBOURS) * len(places):
         raise InputError(f"The merge distance {largest:g} is larger than the details of the mesh.")
     near = tree.query_pairs(largest, output_type="ndarray")

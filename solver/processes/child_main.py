@@ -11,6 +11,7 @@ import importlib.util
 import json
 import os
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,17 +19,33 @@ PACKAGE = "sparse_surface_solver"
 
 
 def give_way() -> None:
-    """Leave the processors to whoever else wants them, an owner's window above all; what this starts inherits it.
+    """Take fewer turns than others, an owner's window above all; what this starts inherits it."""
+    if sys.platform != "win32":  # there its owner started it with a lower priority
+        os.nice(10)
+
+
+def give_way_entirely() -> None:
+    """Take processors only while nothing else wants them: this process, and those that it has started already.
 
     On Linux the lowest nice value would not do: a thread that wakes up still waits for the end of this process's time
     slice, and drawing one picture wakes threads dozens of times.  Idle processes are interrupted at once.
     """
-    if sys.platform == "win32":
-        return  # its owner started it with a lower priority
-    os.nice(10)
     if hasattr(os, "SCHED_IDLE"):
-        with suppress(OSError):  # forbidden in some containers
-            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        for thread in [*_own_threads(), *_threads_of_children()]:
+            with suppress(OSError):  # forbidden in some containers; others end meanwhile
+                os.sched_setscheduler(thread, os.SCHED_IDLE, os.sched_param(0))
+
+
+def _own_threads() -> Iterator[int]:
+    with suppress(OSError):
+        yield from (int(thread) for thread in os.listdir("/proc/self/task"))
+
+
+def _threads_of_children() -> Iterator[int]:
+    for own in Path("/proc/self/task").glob("*/children"):
+        for child in own.read_text().split():
+            with suppress(OSError):
+                yield from (int(thread) for thread in os.listdir(f"/proc/{child}/task"))
 
 
 def stop_giving_way() -> None:
@@ -38,8 +55,8 @@ def stop_giving_way() -> None:
     """
     if hasattr(os, "SCHED_IDLE"):
         with suppress(OSError):
-            for thread in os.listdir("/proc/self/task"):
-                os.sched_setscheduler(int(thread), os.SCHED_OTHER, os.sched_param(0))
+            for thread in _own_threads():
+                os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
 
 def main(text: str) -> None:

@@ -25,8 +25,12 @@ import numpy as np
 from ..errors import WorkerError
 from ..progress import FINISH, Progress, run_to_end
 from .channel import OWN_PACKAGE, Parts, pack, receive, send, unpack
-from .child_main import give_way, stop_giving_way
+from .child_main import give_way, give_way_entirely, stop_giving_way
 from .memory import peak_memory_mb
+
+UNTIL_A_PICTURE = 0.7
+"""Seconds for which a task that is watched takes its turns beside others' work, unless its first picture is out before:
+a window that is drawn by software leaves no processor idle."""
 
 SECONDS_BETWEEN_MESSAGES = 0.05
 SECONDS_BETWEEN_PREVIEWS = 0.5
@@ -47,7 +51,8 @@ def serve(owners_package: str, preload: str, *, gives_way: bool) -> None:
     """Do tasks until standard input closes, which ends this process whatever it is doing.
 
     It loads its modules before it gives way: that takes less than a second, but a window that is drawn by software
-    keeps every processor for much longer, and whoever presses the button meanwhile waits for the modules.
+    keeps every processor for much longer, and whoever presses the button meanwhile waits for the modules.  Until the
+    first picture it still takes its turns, though fewer than others, for the same reason.
     """
     incoming, outgoing = _private_channels()
     owner = _Owner(incoming)
@@ -55,7 +60,7 @@ def serve(owners_package: str, preload: str, *, gives_way: bool) -> None:
     if gives_way:
         give_way()
     while True:
-        send(outgoing, _answer(owner, outgoing, owners_package))
+        send(outgoing, _answer(owner, outgoing, owners_package, _Turns(gives_way, owner.finish)))
 
 
 def _private_channels() -> tuple[FileIO, FileIO]:
@@ -95,18 +100,45 @@ class _Owner:
             os._exit(0)
 
 
-def _answer(owner: _Owner, outgoing: FileIO, owners_package: str) -> Parts:
+class _Turns:
+    """When a process that gives way takes its turns beside others' work: until the first picture that is waited for."""
+
+    def __init__(self, gives_way: bool, finish: threading.Event) -> None:
+        self._gives_way = gives_way
+        self._finish = finish
+        self._timer = threading.Timer(UNTIL_A_PICTURE, self.end)
+        self._timer.daemon = True
+
+    def begin(self, watched: bool) -> None:
+        """Take turns for a while if somebody watches."""
+        if watched and self._gives_way:
+            self._timer.start()
+        else:
+            self.end()
+
+    def end(self) -> None:
+        """Leave the processors to others from now on, unless the owner waits for the end."""
+        self._timer.cancel()
+        if self._gives_way and not self._finish.is_set():
+            self._gives_way = False
+            give_way_entirely()
+
+
+def _answer(owner: _Owner, outgoing: FileIO, owners_package: str, turns: _Turns) -> Parts:
     """Wait for the next task, do it and return the packed answer."""
     message = owner.tasks.get()
     try:
         function, args, kwargs, previews = unpack(message, owners_package)
+        turns.begin(previews)
         value = function(*args, **kwargs)
         if isinstance(value, Generator):
-            value = run_to_end(value, _Reporter(owner, outgoing, previews))
+            value = run_to_end(value, _Reporter(owner, outgoing, previews, turns))
         return pack(Answer(value, None, peak_memory_mb()))
     except Exception as error:
         error.add_note("In a worker process:\n" + traceback.format_exc())
         return _packed_failure(error)
+    finally:
+        turns.end()
 
 
 def _packed_failure(error: Exception) -> Parts:
@@ -126,6 +158,7 @@ class _Reporter:
     owner: _Owner
     outgoing: FileIO
     previews: bool
+    turns: _Turns
     _stage: str = ""
     _sent: float = 0.0
     _next_shown: float = 0.0
@@ -141,4 +174,6 @@ class _Reporter:
         if surface or step.stage != self._stage or now - self._sent >= SECONDS_BETWEEN_MESSAGES:
             self._stage, self._sent = step.stage, now
             send(self.outgoing, pack(replace(step, surface=surface)))
+            if surface:
+                self.turns.end()
         return FINISH if self.owner.finish.is_set() else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -12,6 +13,7 @@ from bl_ext.user_default.sparse_surface.operators.data.meshes import (
     loose_edges,
     read_edges,
     read_mesh,
+    read_object,
     set_positions,
     sharp_turns,
 )
@@ -72,20 +74,44 @@ def test_no_edge_is_sharp_unless_marked():
     assert read_mesh(sheet).sharp_edges is None
 
 
-def test_quads_are_cut_as_blender_cuts_them():
-    """Flat, bent, twisted, concave and folded ones, with triangles among them."""
+def random_quads():
+    """Return a mesh and its faces: flat, bent, twisted, concave and folded quads, with triangles among them."""
     random = np.random.default_rng(3)
     points = random.normal(size=(4000, 3)) * [1.0, 1.0, 0.3]
     faces = [random.choice(4000, random.integers(3, 5), replace=False).tolist() for _ in range(3000)]
     mesh = bpy.data.meshes.new("Quads")
     mesh.from_pydata(points, [], faces)
-    arrays = read_mesh(mesh)
+    return mesh, faces
+
+
+def check_triangles(arrays, mesh):
+    """Compare with Blender's triangles, read one by one."""
     mesh.calc_loop_triangles()
     np.testing.assert_array_equal(arrays.triangles, [each.vertices[:] for each in mesh.loop_triangles])
     np.testing.assert_array_equal(arrays.triangle_polygons, [each.polygon_index for each in mesh.loop_triangles])
+    assert arrays.triangle_count == len(mesh.loop_triangles)
+
+
+def test_quads_are_cut_as_blender_cuts_them():
+    mesh, faces = random_quads()
+    arrays = read_mesh(mesh)
+    assert arrays.triangulation is None  # the process that solves does it, while Blender's window goes on
+    check_triangles(arrays, mesh)
     first = {polygon: triangle for triangle, polygon in reversed(list(enumerate(arrays.triangle_polygons)))}
     flipped = [arrays.triangles[first[k], 2] == face[3] for k, face in enumerate(faces) if len(face) == 4]
     assert 0.2 < np.mean(flipped) < 0.8  # both ways occur
+
+
+def test_quads_of_a_scaled_object_are_cut_as_blender_cuts_them():
+    """Blender does not know the scale there."""
+    mesh, _ = random_quads()
+    placed = bpy.data.objects.new("Quads", mesh)
+    placed.scale = 1.0, 5.0, 0.2
+    bpy.context.scene.collection.objects.link(placed)
+    bpy.context.view_layer.update()
+    arrays = read_object(placed, bpy.context.evaluated_depsgraph_get()).arrays
+    check_triangles(arrays, mesh)
+    assert (replace(arrays, triangulation=None).triangles != arrays.triangles).any()
 
 
 def test_moved_vertices_turn_normals_and_boxes_with_them(mixed):

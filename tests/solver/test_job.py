@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +36,7 @@ def creased_grid(size: int) -> MeshArrays:
         vertices=np.stack([x, y, z], axis=1).astype(np.float32),
         corners=quads.ravel(),
         sizes=np.full(len(quads), 4, dtype=np.int32),
-        triangles=triangles,
-        triangle_polygons=np.tile(np.arange(len(quads), dtype=np.int32), 2),
+        triangulation=(triangles, np.tile(np.arange(len(quads), dtype=np.int32), 2)),
     )
 
 
@@ -131,7 +131,7 @@ of = np.arange(98, dtype=np.int32)
 vertices = np.stack([x, y, np.abs(x - 3.5)], 1).astype(np.float32)
 corners = triangles.astype(np.int32)
 job = Job()
-job.start(MeshArrays(vertices, corners.ravel(), np.full(98, 3, np.int32), corners, of), Settings(workers=1))
+job.start(MeshArrays(vertices, corners.ravel(), np.full(98, 3, np.int32), (corners, of)), Settings(workers=1))
 while job.running:
     job.poll()
     time.sleep(0.01)
@@ -165,8 +165,7 @@ def test_polygons_of_different_sizes_arrive() -> None:
         arrays.vertices,
         np.array([0, 3, 4, 0, 4, 1, 3, 6, 7, 8, 5, 4], dtype=np.int32),
         np.array([3, 3, 6], dtype=np.int32),
-        arrays.triangles,
-        arrays.triangle_polygons,
+        arrays.triangulation,
     )
     assert [polygon.tolist() for polygon in mixed.polygons()] == [[0, 3, 4], [0, 4, 1], [3, 6, 7, 8, 5, 4]]
     assert np.asarray(arrays.polygons()).shape == (4, 4)
@@ -204,8 +203,6 @@ def test_what_was_asked_for_besides_comes_along(job: Job) -> None:
         vertices=vertices.astype(np.float32),
         corners=faces.ravel().astype(np.int32),
         sizes=np.full(count, 4, dtype=np.int32),
-        triangles=np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]]).astype(np.int32),
-        triangle_polygons=np.tile(np.arange(count, dtype=np.int32), 2),
     )
     settings = Settings(iterations=6, sweeps=0, workers=1, ring=4, mark_creases=True, keep_iterations=True)
     job.start(arrays, settings)
@@ -308,6 +305,48 @@ def test_every_process_gives_way(job: Job) -> None:
     assert os.sched_getscheduler(0) != os.SCHED_IDLE
 
 
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="another system's means are tested below")
+def test_every_process_gives_way_once_there_is_a_picture(job: Job) -> None:
+    """Until then the child takes turns beside a window that may be busy with drawing."""
+    job.start(creased_grid(100), Settings(solver="numpy", workers=2), previews=True)
+    end = time.monotonic() + 60.0
+    while (step := job.poll()) is None or step.surface is None or step.fraction == 0.0:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    family = [child_of(job), *descendants(child_of(job))]
+    assert len(family) == 3
+    assert {os.sched_getscheduler(member) for member in family} == {os.SCHED_IDLE}
+    assert {os.getpriority(os.PRIO_PROCESS, member) for member in family} == {os.getpriority(os.PRIO_PROCESS, 0) + 10}
+
+
+def turns(script: str) -> list[str]:
+    """Return what `priority(of)` returns each time that a fresh process which gives way calls it."""
+    script = f"""
+import sys
+sys.path[:] = {sys.path!r}
+import os, subprocess, threading, time
+from sparse_surface.solver.processes import service
+from sparse_surface.solver.processes.child_main import give_way
+priority = lambda of=0: print("idle" if os.sched_getscheduler(of) == os.SCHED_IDLE else "turns", flush=True)
+finish = threading.Event()
+turns = service._Turns(True, finish)
+give_way()
+{script}
+"""
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="priorities of Linux")
+def test_a_watched_task_takes_turns_until_its_picture_and_not_for_long() -> None:
+    started = "started = subprocess.Popen(['sleep', '60'])"
+    shown = f"turns.begin(True); {started}; priority(); turns.end(); priority(); priority(started.pid); started.kill()"
+    assert turns(shown) == ["turns", "idle", "idle"]
+    late = "turns.begin(True); priority(); turns._timer.join(); priority()"
+    assert turns(late) == ["turns", "idle"]
+    assert turns("turns.begin(False); priority()") == ["idle"]
+    assert turns("turns.begin(True); finish.set(); turns.end(); priority()") == ["turns"]
+
+
 def test_a_child_gives_way_on_windows_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """There its owner decides that, when it starts it."""
     started: list[int] = []
@@ -339,7 +378,7 @@ from pathlib import Path
 from sparse_surface.solver.interchange import MeshArrays
 from sparse_surface.solver.job import Job
 from sparse_surface.solver import Settings
-names = "vertices", "corners", "sizes", "triangles", "triangle_polygons"
+names = "vertices", "corners", "sizes"
 arrays = {{name: np.load(Path({str(tmp_path)!r}) / f"{{name}}.npy") for name in names}}
 job = Job()
 job.start(MeshArrays(**arrays), Settings(solver="numpy", workers=2))
@@ -349,9 +388,8 @@ while True:
         print(job._executor._crew[0]._process.pid, flush=True)
         time.sleep(60)
 """
-    for name, array in vars(creased_grid(80)).items():
-        if array is not None:
-            np.save(tmp_path / f"{name}.npy", array)
+    for name in ("vertices", "corners", "sizes"):
+        np.save(tmp_path / f"{name}.npy", getattr(creased_grid(80), name))
     owner = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     assert owner.stdout is not None
     child = int(owner.stdout.readline())
@@ -399,7 +437,7 @@ def test_arrays_are_handed_over_whole() -> None:
     arrays = creased_grid(16)
     weights = np.ones(len(arrays.vertices), dtype=np.float32)
     weights[:40] = 0.0
-    held = MeshArrays(**{**vars(arrays), "weights": weights})
+    held = replace(arrays, weights=weights)
     result = run_to_end(approximate_arrays(held, QUICK))
     assert np.array_equal(result.vertices[:40], arrays.vertices[:40])
 
@@ -412,8 +450,8 @@ def test_what_ends_does_not_wait_for_others_work():
 import sys
 sys.path[:] = {sys.path!r}
 import os, threading
-from sparse_surface.solver.processes.child_main import give_way, stop_giving_way
-give_way()
+from sparse_surface.solver.processes.child_main import give_way_entirely, stop_giving_way
+give_way_entirely()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 policies = lambda: sorted(os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task"))
 before = policies()

@@ -49,7 +49,7 @@ def arrays(points: NDArray[np.float32], quads: NDArray[np.int32], loose: int = 0
     vertices = np.concatenate([np.full((loose, 3), 0.1, np.float32), points[used]])
     triangles = own[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
     polygons = np.repeat(np.arange(len(own), dtype=np.int32), 2)
-    return MeshArrays(vertices, own.ravel(), np.full(len(own), 4, np.int32), triangles, polygons)
+    return MeshArrays(vertices, own.ravel(), np.full(len(own), 4, np.int32), (triangles, polygons))
 
 
 def open_edges(meshes: list[tuple[NDArray[np.floating], list[NDArray[np.int64]]]]) -> int:

@@ -268,7 +268,7 @@ vertices, faces = models.cube(9)
 quads = np.asarray(faces, dtype=np.int32)
 triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 of = np.tile(np.arange(len(quads), dtype=np.int32), 2)
-arrays = MeshArrays(vertices.astype(np.float32), quads.ravel(), np.full(len(quads), 4, np.int32), triangles, of)
+arrays = MeshArrays(vertices.astype(np.float32), quads.ravel(), np.full(len(quads), 4, np.int32), (triangles, of))
 job = Job()
 job.start(arrays, Settings(workers=1, iterations=1, sweeps=0))
 while job.running:
