@@ -1,7 +1,7 @@
 """Loads what a run needs while the user looks at the panel, so that pressing the button loads no module.
 
 Enabling the add-on and drawing the panel load none of it.  It is loaded in two parts, with a redraw between them, to
-keep Blender responsive.
+keep Blender responsive.  Once after an installation, another process translates the modules into bytecode.
 """
 
 from __future__ import annotations
@@ -12,8 +12,12 @@ from importlib import import_module
 import bpy
 
 _JOB = "...solver.job"
+_BYTECODE = ".bytecode"
 _NEEDED = (_JOB, "..data.results", "..preview.controller")
 """What the run's functions import; a test compares this with the modules that a run loads."""
+
+ENABLED_SINCE = 0.1
+"""Seconds after the add-on was enabled."""
 
 FIRST_AFTER = 0.2
 BETWEEN = 0.02
@@ -51,10 +55,18 @@ def _load_next() -> float | None:
     return None
 
 
+def _translate() -> None:
+    bytecode = import_module(_BYTECODE, __package__)
+    if bytecode.is_needed():
+        bytecode.begin(python_command())
+
+
 def register() -> None:
     """Let the first panel that is drawn start the loading."""
     global _left
     _left = None
+    if not bpy.app.background:
+        bpy.app.timers.register(_translate, first_interval=ENABLED_SINCE)
 
 
 def pause() -> None:
@@ -65,6 +77,9 @@ def pause() -> None:
 
 def unregister() -> None:
     """Stop loading, and end the child that waits."""
+    if bpy.app.timers.is_registered(_translate):
+        bpy.app.timers.unregister(_translate)
+    import_module(_BYTECODE, __package__).stop()
     pause()
     dismiss()
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 from bl_ext.user_default.sparse_surface import operators
-from bl_ext.user_default.sparse_surface.operators.run import preloading
+from bl_ext.user_default.sparse_surface.operators.run import bytecode, preloading
 from bl_ext.user_default.sparse_surface.operators.run.control import Run
 from bl_ext.user_default.sparse_surface.operators.run.operator import SolverOperator
 from bl_ext.user_default.sparse_surface.operators.run.session import session
@@ -71,3 +71,26 @@ def test_a_run_has_the_processors_to_itself(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(session, "current", None)
     session.start(Run([]))
     assert not waiting
+
+
+def test_modules_are_translated_once_after_an_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Not again while there is bytecode, nor where nothing can be written; what still works ends with the add-on."""
+    solver = tmp_path / "solver"
+    (solver / "approximation").mkdir(parents=True)
+    loaded = solver / "approximation" / "approximate.py"
+    loaded.write_text("DONE = True\n")
+    monkeypatch.setattr(bytecode, "SOLVER", solver)
+    monkeypatch.setattr(bytecode, "_LOADED_BY_CHILDREN", loaded)
+    assert bytecode.is_needed()
+    bytecode.begin(preloading.python_command())
+    assert bytecode._process is not None
+    assert bytecode._process.wait(60.0) == 0
+    assert Path(importlib.util.cache_from_source(str(loaded))).exists()
+    assert not bytecode.is_needed()
+    bytecode.stop()
+    monkeypatch.setattr(bytecode, "_TRANSLATE", "import time; time.sleep(60)")
+    bytecode.begin(preloading.python_command())
+    process = bytecode._process
+    preloading.unregister()
+    assert process.poll() is not None
+    assert bytecode._process is None
