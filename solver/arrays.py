@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
+ROWS_AT_ONCE = 4096
+"""Rows of a block, see `row_blocks`."""
+
 
 def has_masked(values: object) -> bool:
     """Whether an array has masked values, which NumPy's functions would take for values like others."""
@@ -66,6 +69,19 @@ def named_by(numbers: Indices, count: int) -> Booleans:
     named = np.zeros(count, dtype=bool)
     named[numbers] = True
     return named
+
+
+def row_blocks(count: int) -> Iterator[slice]:
+    """Cut so many rows into blocks whose arrays stay in the cache: a large array's memory is asked for anew each time.
+
+    Examples
+    --------
+    >>> from sparse_surface.solver.arrays import row_blocks
+    >>> list(row_blocks(5000))
+    [slice(0, 4096, None), slice(4096, 5000, None)]
+    """
+    for first in range(0, count, ROWS_AT_ONCE):
+        yield slice(first, min(first + ROWS_AT_ONCE, count))
 
 
 def offsets_of(sizes: Indices) -> Indices:

@@ -153,7 +153,7 @@ class Dictionary:
             Shape (..., N).
         """
         grid = coefficient_grid(self.degrees, support, coefficients, self.degree)
-        return combine(grid, self.tables(domain[0]), self.tables(domain[1]))
+        return combine(grid, *self.tables(domain))
 
 
 def coefficient_grid(degrees: Indices, support: Indices, coefficients: Array, degree: int) -> Array:
@@ -177,12 +177,12 @@ def coefficient_grid(degrees: Indices, support: Indices, coefficients: Array, de
     ndarray
         Shape (..., t + 1, t + 1).
     """
-    grid = np.zeros((*support.shape[:-1], (degree + 1) ** 2))
-    place = degrees[support, 0] * (degree + 1) + degrees[support, 1]
-    flat_grid, flat_place = (own.reshape(int(np.prod(own.shape[:-1])), own.shape[-1]) for own in (grid, place))
-    rows = np.arange(len(flat_grid))[:, None]
-    np.add.at(flat_grid, (rows, flat_place), coefficients.reshape(flat_place.shape))
-    return grid.reshape(*support.shape[:-1], degree + 1, degree + 1)
+    leading, size = support.shape[:-1], (degree + 1) ** 2
+    rows = int(np.prod(leading))
+    place = (degrees[support, 0] * (degree + 1) + degrees[support, 1]).reshape(rows, support.shape[-1])
+    place += size * np.arange(rows)[:, None]
+    grid = np.bincount(place.ravel(), weights=np.ravel(coefficients), minlength=rows * size)
+    return grid.reshape(*leading, degree + 1, degree + 1).astype(np.float64, copy=False)
 
 
 def combine(grid: Array, u_table: Array, v_table: Array) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, rows_at, sum_of
 
 FIRST_CANDIDATES = 8
 PAIRS_AT_ONCE = 200_000
@@ -38,7 +38,9 @@ class Footpoints:
 
 def interpolate(values: Array, corners: Indices, barycentric: Array) -> Array:
     """Values (V, D) between the corners (N, 3) of triangles, (N, D)."""
-    result: Array = (values[corners] * barycentric[:, :, None]).sum(axis=1)
+    result = rows_at(values, corners[:, 0]) * barycentric[:, :1]
+    for k in (1, 2):
+        result += rows_at(values, corners[:, k]) * barycentric[:, k, None]
     return result
 
 
@@ -100,11 +102,11 @@ def closest_on_triangle(points: Array, ends: Array) -> Array:
     The closest point lies inside, or on the closest of the three sides.
     """
     sides = np.roll(ends, -1, axis=1) - ends
-    squared = (sides**2).sum(axis=2)
-    along = ((points[:, None] - ends) * sides).sum(axis=2)
+    squared = sum_of(sides**2)
+    along = sum_of((points[:, None] - ends) * sides)
     share = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0.0), 0.0, 1.0)
     on_side = ends + share[:, :, None] * sides
-    nearest = ((on_side - points[:, None]) ** 2).sum(axis=2).argmin(axis=1)
+    nearest = sum_of((on_side - points[:, None]) ** 2).argmin(axis=1)
     row = np.arange(len(points))
     result = np.zeros((len(points), 3))
     result[row, nearest] = 1.0 - share[row, nearest]

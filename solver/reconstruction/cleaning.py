@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Booleans, Indices
 from ..errors import InputError
 from ..mesh.edges import connected_parts
-from .geometry import typical_spacing
+from .geometry import neighbours, typical_spacing
 from .strays import stray_points
 from .two_sides import outward_normals
 
@@ -185,7 +185,7 @@ def _merged(places: Array) -> tuple[Array, Indices]:
     place[order] = np.arange(len(order))
     distinct, number = places[first[order]], place[number.ravel()]
     tree = cKDTree(distinct)
-    spacing = typical_spacing(tree.query(distinct, k=min(NEIGHBOURS, len(distinct)))[0]) if len(distinct) > 1 else 0.0
+    spacing = typical_spacing(neighbours(tree, min(NEIGHBOURS, len(distinct)))[0]) if len(distinct) > 1 else 0.0
     size = float(np.ptp(distinct, axis=0).max())
     pairs = tree.query_pairs(max(NEARLY * spacing, SAME_PLACE * size), output_type="ndarray")
     if not len(pairs):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Indices
+from ..arrays import Array, Indices, row_blocks, rows_at, sum_of
 from ..mesh.clustering import one_in_each_cell
 from ..mesh.quadrics import quadric_terms
 from .two_sides import apart
@@ -93,12 +93,12 @@ class CloudGeometry:
 def analyse(points: Array, outward: Array | None = None) -> CloudGeometry:
     """Analyse a cloud of at least four points, (P, 3), whose thin parts `outward_normals`, (P, 3), may tell apart."""
     tree, count = cKDTree(points), min(NEIGHBOURS, len(points))
-    distance, near = tree.query(points, k=count)
+    distance, near = neighbours(tree, count)
     spacing, places, beside = typical_spacing(distance), points, near
     if outward is not None:
         places = apart(points, outward, spacing)
         tree = cKDTree(places)
-        separate, beside = tree.query(places, k=count)
+        separate, beside = neighbours(tree, count)
         spacing = typical_spacing(separate)
     noise = noise_level(points, tree, places)
     normals = one_sided_normals(points, beside)
@@ -106,6 +106,19 @@ def analyse(points: Array, outward: Array | None = None) -> CloudGeometry:
     if noise <= NOISIEST * spacing:
         creases = crease_points(points, normals, near, distance, spacing, noise)
     return CloudGeometry(spacing, noise, normals, creases)
+
+
+def neighbours(tree: cKDTree, count: int) -> tuple[Array, Indices]:
+    """How far the `count` > 1 points nearest to each of a tree's are, itself first, and their numbers, (P, count) both.
+
+    They are sought in the order of the tree: what a query needs is then still in the cache from the one before it.
+    """
+    order = tree.indices
+    distance, near = np.empty((len(order), count)), np.empty((len(order), count), dtype=np.int64)
+    for rows in row_blocks(len(order)):
+        own = order[rows]
+        distance[own], near[own] = tree.query(tree.data[own], k=count)
+    return distance, near
 
 
 def typical_spacing(distance: Array) -> float:
@@ -166,19 +179,25 @@ def one_sided_normals(points: Array, near: Indices) -> Array:
     """Normals (P, 3), each from the flattest neighbourhood that a point is in the middle of."""
     normals, flatness, centres = local_planes(points, near)
     rivals = near[:, : min(PLANES_TO_CHOOSE_FROM, near.shape[1])]
-    off = ((points[:, None] - centres[rivals]) * normals[rivals]).sum(axis=2)
-    best = (flatness[rivals] + off**2).argmin(axis=1)
-    chosen: Array = normals[rivals[np.arange(len(points)), best]]
+    chosen = np.empty_like(normals)
+    for rows in row_blocks(len(points)):
+        own = rivals[rows]
+        off = sum_of((points[rows, None] - rows_at(centres, own)) * rows_at(normals, own))
+        best = (flatness[own] + off**2).argmin(axis=1)
+        chosen[rows] = normals[own[np.arange(len(own)), best]]
     return chosen
 
 
 def local_planes(points: Array, near: Indices) -> tuple[Array, Array, Array]:
     """Planes of least squares through the neighbours: normals (P, 3), mean squared distances (P,), centres (P, 3)."""
-    around = points[near]
-    centres = around.mean(axis=1)
-    around = around - centres[:, None]
-    values, axes = np.linalg.eigh(np.matmul(around.swapaxes(1, 2), around))
-    return axes[:, :, 0], np.maximum(values[:, 0], 0.0) / near.shape[1], centres
+    normals, flatness, centres = np.empty((len(near), 3)), np.empty(len(near)), np.empty((len(near), 3))
+    for rows in row_blocks(len(near)):
+        around = rows_at(points, near[rows])
+        centres[rows] = around.mean(axis=1)
+        around -= centres[rows, None]
+        values, axes = np.linalg.eigh(np.matmul(around.swapaxes(1, 2), around))
+        normals[rows], flatness[rows] = axes[:, :, 0], np.maximum(values[:, 0], 0.0) / near.shape[1]
+    return normals, flatness, centres
 
 
 def on_planes(points: Array, count: int) -> Array:
@@ -202,11 +221,13 @@ def crease_points(points: Array, normals: Array, near: Indices, distance: Array,
     spacing, noise
         See `CloudGeometry`.
     """
-    agreement = np.abs((normals[near] * normals[:, None]).sum(axis=2))
-    on_crease = np.flatnonzero(
-        ((agreement < SHARPEST).sum(axis=1) >= FEWEST_ON_A_SIDE)
-        & ((agreement >= SHARPEST).sum(axis=1) >= FEWEST_ON_A_SIDE)
+    across = np.concatenate(
+        [
+            (np.abs(sum_of(rows_at(normals, near[rows]) * normals[rows, None])) < SHARPEST).sum(axis=1)
+            for rows in row_blocks(len(near))
+        ]
     )
+    on_crease = np.flatnonzero((across >= FEWEST_ON_A_SIDE) & (near.shape[1] - across >= FEWEST_ON_A_SIDE))
     if len(on_crease) and near.shape[1] > 6:
         bent = deviation_from_quadric(points[near[on_crease]]) > BENT * spacing
         on_crease = on_crease[bent]

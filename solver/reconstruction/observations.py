@@ -155,6 +155,7 @@ class CloudObservations:
             degrees = affordable_degrees(_by_patch(patches, weights))
         self.degrees = degrees
         self.ends_early = np.zeros(len(patches), dtype=bool)
+        self._blends: dict[int, tuple[Indices, Array]] = {}
         own = patches.vertices[patches.block_triangles]
         self._corners = rows_in_order(patches.triangles, own, mesh.triangles[patches.mesh_triangles])
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
@@ -182,6 +183,7 @@ class CloudObservations:
             blending = (own[corners] * shares).sum(axis=1)
         else:
             blending = np.repeat(1.0 / self._overlap[triangles], sizes)
+        self._blends[patch] = number, blending
         weights = self.cloud.weights[number]
         return PatchObservations(number, corners, shares, weights, blending, int(self.degrees[patch]), self.cloud.noise)
 
@@ -194,8 +196,9 @@ class CloudObservations:
 
     def blend_of(self, patch: int) -> tuple[Indices, Array]:
         """`number` and `blending` of one patch's observations."""
-        own = self.of_patch(patch)
-        return own.number, own.blending
+        if patch not in self._blends:
+            self.of_patch(patch)
+        return self._blends[patch]
 
     def samples_of_patch(self, patch: int, samples: Array) -> PatchObservations:
         """Observations at places (q, 3) in every triangle of a patch."""

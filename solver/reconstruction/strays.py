@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Booleans, Indices
+from ..arrays import Array, Booleans, Indices, row_blocks, rows_at, sum_of
 from ..mesh.quadrics import quadric_terms
-from .geometry import local_planes
+from .geometry import local_planes, neighbours
 
 NEIGHBOURS, RANK, PLANE = 24, 8, 12
 """Points among which the densest are sought, rank of the neighbour whose distance is a point's radius, and points,
@@ -96,7 +96,7 @@ class _Neighbourhoods:
 
     @classmethod
     def of(cls, points: Array) -> _Neighbourhoods:
-        distance, near = cKDTree(points).query(points, k=NEIGHBOURS)
+        distance, near = neighbours(cKDTree(points), NEIGHBOURS)
         radius = np.maximum(distance[:, RANK], 1e-300)
         return cls(points, near, distance, radius, *local_planes(points, near[:, :PLANE]))
 
@@ -139,8 +139,12 @@ class _Neighbourhoods:
 
     def _off_planes(self, which: Indices, others: Indices) -> Array:
         """How far points are from the planes of others each, (N, n)."""
-        offset = self.points[which, None] - self.centres[others]
-        return np.asarray(np.abs((offset * self.normals[others]).sum(axis=2)))
+        off = np.empty(others.shape)
+        for rows in row_blocks(len(which)):
+            own = others[rows]
+            offset = self.points[which[rows], None] - rows_at(self.centres, own)
+            off[rows] = np.abs(sum_of(offset * rows_at(self.normals, own)))
+        return off
 
 
 def _off_quadric(points: Array, others: Array) -> tuple[Array, Array]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Booleans, Indices
-from .geometry import CloudGeometry, spacings
+from ..arrays import Array, Booleans, Indices, row_blocks, rows_at, sum_of
+from .geometry import CloudGeometry, neighbours, spacings
 
 PLANES = 6
 """Points around a position whose planes are compared with it."""
@@ -53,7 +53,7 @@ class TangentPlanes:
         """Take the points (P, 3) that `geometry` was taken from."""
         self._points, self._normals = points, geometry.normals
         self._tree = cKDTree(points)
-        distance, near = self._tree.query(points, k=min(NEIGHBOURS, len(points)))
+        distance, near = neighbours(self._tree, min(NEIGHBOURS, len(points)))
         # on a border points have neighbours on one side only, and seem sparser than those beside them
         own = spacings(distance)[near].min(axis=1)
         self._sparser = np.maximum(own - geometry.spacing, 0.0)
@@ -102,6 +102,10 @@ class TangentPlanes:
 
     def _heights(self, positions: Array) -> tuple[Array, Indices]:
         """Heights of positions (N, 3) over the planes of the points around them, and these points, (N, k) each."""
-        near = self._tree.query(positions, k=min(PLANES, len(self._points)))[1].reshape(len(positions), -1)
-        offset = positions[:, None] - self._points[near]
-        return (offset * self._normals[near]).sum(axis=2), near
+        count = min(PLANES, len(self._points))
+        height, near = np.empty((len(positions), count)), np.empty((len(positions), count), dtype=np.int64)
+        for rows in row_blocks(len(positions)):
+            own = self._tree.query(positions[rows], k=count)[1].reshape(-1, count)
+            offset = positions[rows, None] - rows_at(self._points, own)
+            height[rows], near[rows] = sum_of(offset * rows_at(self._normals, own)), own
+        return height, near
