@@ -176,13 +176,22 @@ def _fine(points: Array, geometry: CloudGeometry, outward: Array | None = None) 
     noisy = geometry.noise > NOISIEST * geometry.spacing
     shells = [_Shell.around(points, tree, radius, noisy) for radius in _radii(geometry.spacing, border)]
     lasting = [shell for shell, larger in pairwise(shells) if shell.topology == larger.topology]
-    closed = [shell for shell in lasting if shell.closed] or [shell for shell in shells if shell.closed]
+    closed = _with_cavities(shells, lasting, noisy and not border)
     if border and not closed and outward is not None:
         closed = [shell for shell in (lasting or shells) if faces_outward(*shell.mesh, points, outward)]
     if border and not closed:
         return False, *sheet(points, geometry.spacing, geometry.noise)
     chosen = (closed or lasting or shells[-1:])[0]
     return True, chosen.vertices, chosen.triangles
+
+
+def _with_cavities(shells: list[_Shell], lasting: list[_Shell], foams: bool) -> list[_Shell]:
+    """The shells that show a closed cloud, those first whose topology lasts.
+
+    Where noise is as wide as parts are thick, small balls leave a foam: its cavities and handles count for nothing if
+    larger ones show what lasts.
+    """
+    return [shell for shell in (lasting if foams and lasting else lasting + shells) if shell.closed]
 
 
 def _without_holes(

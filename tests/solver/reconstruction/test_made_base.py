@@ -13,7 +13,7 @@ from sparse_surface.solver.mesh.closest_points import closest_points
 from sparse_surface.solver.mesh.decimation import triangle_shapes
 from sparse_surface.solver.reconstruction.evaluated import reconstruct_arrays
 from sparse_surface.solver.reconstruction.geometry import analyse
-from sparse_surface.solver.reconstruction.made_base import Base, make_base
+from sparse_surface.solver.reconstruction.made_base import Base, _Shell, _with_cavities, make_base
 
 
 def euler_and_border(base: Base) -> tuple[int, int]:
@@ -151,6 +151,19 @@ def test_noise_wider_than_the_spacing_leaves_no_handles() -> None:
     assert base.closed
     assert euler_and_border(base) == (2, 0)
     assert cloud.distance(base.vertices).max() < 0.06
+
+
+def test_foam_in_noise_as_wide_as_a_plate_is_not_taken_for_its_shell() -> None:
+    """Plates with walls of 3.2 noise levels got bases with 22 and more handles."""
+    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    foam = _Shell(np.zeros((8, 3)), np.concatenate([tetrahedron, tetrahedron + 4]), closed=True)
+    solid = _Shell(np.zeros((4, 3)), tetrahedron, closed=False)
+    hollow = _Shell(np.zeros((4, 3)), tetrahedron, closed=True)
+    assert foam.topology != solid.topology
+    assert _with_cavities([foam, solid, solid], [solid], True) == []
+    assert _with_cavities([foam, solid, solid], [solid], False) == [foam]
+    assert _with_cavities([foam, solid], [], True) == [foam]
+    assert _with_cavities([foam, hollow, hollow], [hollow], True) == [hollow]
 
 
 @pytest.mark.parametrize("euler", [2, 1], ids=["ball", "hill"])
