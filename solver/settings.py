@@ -367,7 +367,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {"method": "paper", "sweeps": 2},
     "fast": {"iterations": 6, "sweeps": 0},
-    "precise": {"domains": "separate"},
+    "precise": {"domains": "separate", "ring": 5, "sparsity": 18, "beta1": 0.002, "beta2": 0.03},
     "denoise": {"denoise": "only"},
 }
 """Changes of the defaults by name, the same in the panel and on the command line."""

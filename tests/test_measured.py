@@ -53,11 +53,12 @@ def test_figures_follow_from_the_tables_of_the_file() -> None:
 
 def test_figures_are_what_a_reader_computes_from_the_tables() -> None:
     assert measured.shown("sweep, share", {"stages": STAGES}) == "40 to 45 %"
-    default = Table(("model", "surface rms", "units"), (("a", "2.00e-03", "10"), ("b", "6.00e-03", "20")))
-    precise = Table(("model", "surface rms", "units"), (("a", "1.00e-03", "15"), ("b", "2.00e-03", "50")))
+    head, plane = ("model", "surface rms", "units"), ("plane", "1.00e-16", "1")
+    default = Table(head, (("a", "2.00e-03", "10"), ("b", "6.00e-03", "20"), plane))
+    precise = Table(head, (("a", "1.00e-03", "15"), ("b", "2.00e-03", "50"), ("plane", "1.00e-13", "2")))
     tables = {"default": default, "precise": precise}
-    assert measured.shown("separate, accuracy", tables) == "2.0 to 3.0"
-    assert measured.shown("separate, time", tables) == "1.5 to 2.5"
+    assert measured.shown("precise, accuracy", tables) == "2.0 to 3.0"
+    assert measured.shown("precise, time", tables) == "1.5 to 2.5"
     squares = [str(n * n) for n in (10, 100, 1000)]
     sizes = Table(
         ("vertices", "workers", "total"), tuple(zip(("10", "100", "1,000"), ("1", "1", "1"), squares, strict=True))

@@ -27,7 +27,7 @@ from ..surface.creases import crease_edges
 from ..surface.metrics import domain_changes, faces_turned, strongest_patch
 from ..surface.representation import Representation
 from .containment import kept_inside
-from .crease_search import cut_along_creases, observing
+from .crease_search import cut_along_creases, looking, observing
 from .denoised import MeshInput, remove_noise
 from .measuring import Deviation, measure, measured_iterations
 from .oscillation import MeshSurface, oscillating_on_mesh
@@ -241,7 +241,8 @@ def _cut(
         return cut_along_marked(mesh, checked_edges(given.sharp_edges, len(mesh.vertices))), hurry
     if settings.creases == "off" or hurry:
         return mesh, hurry
-    return (yield from cut_along_creases(mesh, observing(mesh, settings, weights), settings, runner))
+    look = looking(settings)
+    return (yield from cut_along_creases(mesh, observing(mesh, look, weights), look, runner))
 
 
 def _covered(

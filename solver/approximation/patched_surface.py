@@ -287,7 +287,7 @@ class PatchedSurface(Generic[Observing]):
     def _observed(self) -> Observed | None:
         """What the compiled kernel gathers from; None where NumPy does it."""
         if self._native is None or self._native[0] is not self.observations:
-            natively = reason_for_numpy(self.settings) is None and self.settings.channels == 1
+            natively = reason_for_numpy(self.settings) is None
             self._native = self.observations, self.observations.natively(self.domains) if natively else None
         return self._native[1]
 

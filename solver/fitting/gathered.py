@@ -7,6 +7,7 @@ while.  So what is handed on are the numbers of the patches, and the arrays of t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -63,10 +64,13 @@ class MeshTask:
 
     @property
     def warm(self) -> list[WarmStart | None]:
-        """Earlier solutions from which to start, (n,)."""
+        """Earlier solutions from which to start: of the first domains of all patches, (n,), then of the next ones."""
+        channels = self.settings.channels
         if self.remainder is None:
-            return [None] * len(self.patches)
-        return [WarmStart(fit.frames[0], fit.domain[0], fit.support) for fit in self.remainder.fits]
+            return [None] * (len(self.patches) * channels)
+        fits, each = self.remainder.fits, 3 // channels
+        parts = [(c, slice(each * c, each * (c + 1))) for c in range(channels)]
+        return [WarmStart(fit.frames[c], fit.domain[c], fit.support[part]) for c, part in parts for fit in fits]
 
     def gathered(self) -> Gathered:
         """The patches' problems, one after the other."""
@@ -79,23 +83,24 @@ class MeshTask:
 
     def in_full(self) -> ChunkTask:
         """The same task with its problems."""
-        given = self.gathered()
+        given, warm, count = self.gathered(), self.warm, len(self.patches)
         vertices, faces = (offsets_of(own).tolist() for own in (given.vertices, given.triangle_count))
-        observations = given.blends.offsets.tolist()
+        observations, each = given.blends.offsets.tolist(), 3 // self.settings.channels
         problems = []
-        for k, warm in enumerate(self.warm):
+        for k, c in product(range(count), range(self.settings.channels)):
             m, t, n = (slice(*own[k : k + 2]) for own in (vertices, faces, observations))
+            part = slice(each * c, each * (c + 1))
             own = Problem(
                 given.domain[m],
                 given.triangles[t],
-                given.signals[m],
+                given.signals[m, part],
                 given.corners[n],
                 given.shares[n],
-                given.values[n],
+                given.values[n, part],
                 given.weights[n],
                 int(self.degrees[k]),
                 ends_early=bool(self.ends_early[k]),
-                warm=warm,
+                warm=warm[c * count + k],
             )
             problems.append(own)
         return ChunkTask(self.patches, problems, self.settings)

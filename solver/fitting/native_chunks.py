@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Indices
 from ..native.library import NativeSettings, function, reason_for_numpy
+from ..native.observations import Gathered
 from ..settings import Settings
 from . import chunks as by_numpy
 from .batch import Frame, Problem, WarmStart
@@ -107,7 +108,10 @@ def fit_natively(task: Task, instructions: str | None = None) -> list[PatchFit]:
     except MemoryError:
         status = OUT_OF_MEMORY
     check(status, _largest_size(task))
-    each = count // len(task.patches)
+    patches = len(task.patches)
+    if isinstance(task, MeshTask):
+        return [_patch_fit(prepared.solved[k::patches]) for k in range(patches)]
+    each = count // patches
     return [_patch_fit(prepared.solved[k : k + each]) for k in range(0, count, each)]
 
 
@@ -166,18 +170,19 @@ class Prepared:
 
     @classmethod
     def of_task(cls, task: Task) -> Prepared:
-        """Prepare the problems of a task."""
+        """Prepare the problems of a task; those of a `MeshTask` begin with all patches' first domains."""
         if isinstance(task, ChunkTask):
             return cls.of(task.problems, task.settings)
-        given, warm, settings = task.gathered(), task.warm, task.settings
+        given, warm, settings, channels = task.gathered(), task.warm, task.settings, task.settings.channels
         observations, functions = np.diff(given.blends.offsets), (task.degrees + 1) * (task.degrees + 2) // 2
         width = np.minimum(np.minimum(observations, functions), settings.sparsity)
         if task.remainder is not None:
             width = np.array([fit.support.shape[1] for fit in task.remainder.fits])
-        counts = given.vertices, given.triangle_count, observations, np.full_like(width, 3), task.degrees, width
+        signals = np.full_like(width, 3 // channels)
+        counts = given.vertices, given.triangle_count, observations, signals, task.degrees, width
         warm_started = np.full_like(width, task.remainder is not None)
-        sizes = np.stack([*counts, warm_started, task.ends_early], axis=1)
-        arrays = [np.ravel(own) for own in given[3:]]
+        sizes = np.tile(np.stack([*counts, warm_started, task.ends_early], axis=1), (channels, 1))
+        arrays = _of_domains(given, channels)
         return cls._of_arrays(sizes, np.zeros(len(sizes)), arrays, warm, settings)
 
     @classmethod
@@ -224,6 +229,16 @@ class Prepared:
         pieces = [[array[a:b] for a, b in zip(*places, strict=True)] for array, *places in slots]
         each = zip(signals.tolist(), warm, *pieces, strict=True)
         return cls(natives, arrays, [_room(*own) for own in each])
+
+
+def _of_domains(given: Gathered, channels: int) -> list[NDArray[Any]]:
+    """Flat arrays of the problems of all patches' first domains, then of those of the next ones."""
+    if channels == 1:
+        return [np.ravel(own) for own in given[3:]]
+    domain, triangles, signals, corners, shares, values, weights = given[3:]
+    at_vertices, observed = np.ravel(signals.T), np.ravel(values.T)
+    alike = [np.tile(np.ravel(own), channels) for own in (domain, triangles, corners, shares, weights)]
+    return [*alike[:2], at_vertices, *alike[2:4], observed, alike[4]]
 
 
 def _together(arrays: list[NDArray[Any]], dtype: type[np.generic]) -> NDArray[Any]:

@@ -1,16 +1,24 @@
 """A fair surface beside a mesh: what patches with a domain for each coordinate are fitted to.
 
-`curved` says what the triangles of a smooth shape stand for.  Where a mesh is rough, the surface through its vertices
-ripples however smooth it is inside triangles: its normals swing about those interpolated between the corners, n.  So it
-is moved along its normals, by s = sum_i b_i w_i + sum_(i < j) b_i b_j c_ij over each triangle, where
+`curved` says what the triangles of a smooth shape stand for.  It lies a little off flat triangles, and where a mesh is
+rough it ripples however smooth it is inside triangles: its normals swing about those interpolated between the corners,
+n.  So the surface is off the triangles by s = sum_i b_i w_i + sum_(i < j) b_i b_j c_ij along the normals, where
 
-    sum_t  mean_t |s|^2 + SMOOTHNESS A_t rho_t mean_t |normal - n|^2
+    sum_t  mean_t |s|^2 + A_t rho_t mean_t |normal - n|^2
 
 is least, the normal linear in s to first order and A_t the triangle's area: the balance does not depend on how fine the
-mesh is.  Two things decide on rho_t.  Where the surface is within a few degrees of n, nothing ripples, and it stays;
-where corner normals are far from the triangle's own they say less:
+mesh is.  rho_t follows from how well the mesh resolves a smooth shape around the triangle,
 
-    rho_t = r^2 / (r^2 + ROUGH^2) (1 - (angle / UNSURE)^2)^2,   r^2 = mean_t |normal - n|^2 before.
+    r^2 = sum |normal of the curved surface - n|^2 / sum |normal of the triangle - n|^2,
+
+over a few rings.  Over a smooth shape r falls with the length of edges; there nearly the curved surface is fair.  Where
+curvature begins abruptly or edges are long beside it, r is a quarter, and n says no more than the triangles do, which
+count.  In noise r comes near to one, and the surface ripples the more, the closer it is to the triangles:
+
+    rho_t = RESOLVED a + NOISY r,   a = 1 / (1 + (r / COARSE)^POWER).
+
+r is that of the normals that triangles weighted as in a sphere give.  For n they are then corrected in the share a
+(`curved.corrected_normals`), which halves what they are off over a smooth shape.
 """
 
 from __future__ import annotations
@@ -21,20 +29,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array, Booleans, Indices
-from .curved import STEEPEST, curved_offsets, node_normals
+from .curved import STEEPEST, corrected_normals, curved_offsets, node_normals
 from .normals import normals_and_areas, unit
 from .sampling import SURFACE_SAMPLES
 from .triangle_mesh import TriangleMesh
 
-SMOOTHNESS = 0.38
-"""Weight of a squared angle, in radians, against squared distances in shares of the triangle's area."""
-CURVED_SHARE = 0.75
-"""How far from the flat triangles towards the curved surface beside them the surface lies before it is moved."""
-ROUGH = 2.0
-"""Degrees, root mean square, between the surface's normals and those between the corners at which these count half."""
-UNSURE = 18.0
-"""Degrees between the normals of a triangle and of its corners from which on the latter say nothing."""
-ENOUGH, MOST_STEPS = 1e-3, 60
+RESOLVED = 0.575
+"""Weight of a squared angle, in radians, against squared distances in shares of the triangle's area, where a mesh
+resolves a smooth shape."""
+NOISY = 0.21
+"""The same in noise."""
+COARSE, POWER = 0.14, 4.4
+"""Share r of the normals' differences that the curved surface leaves, from which on a mesh is coarse for its shape, and
+how abruptly."""
+RINGS = 3
+"""How often both are averaged between triangles that share a corner before they are compared."""
+STRAIGHT = 1e-6
+"""Angles, in radians, that do not count."""
+ENOUGH, MOST_STEPS = 1e-3, 100
 """Conjugate gradients end at this share of the first residual, or after so many steps."""
 
 _QUADRATURE = np.repeat([0.109951743655322, 0.223381589678011], 3)
@@ -57,7 +69,7 @@ class _Triangles:
     slopes
         Gradients of the barycentric coordinates in the triangle's plane, (3, 2, T).
     weight
-        SMOOTHNESS A_t rho_t, (T,).
+        A_t rho_t, (T,).
     count
         Number of all unknowns.
     """
@@ -127,18 +139,38 @@ def fair_offsets(mesh: TriangleMesh) -> tuple[Array, Array]:
     ends = np.stack([nodes, np.roll(nodes, -1, axis=1)])
     low, high = ends.min(axis=0).ravel(), ends.max(axis=0).ravel()
     keys, edges = np.unique(low * mesh.node_count + high, return_inverse=True)
-    triangles, wanted = _triangles(mesh, around, edges.reshape(-1, 3), len(keys))
+    edges = edges.reshape(-1, 3)
+    triangles, wanted = _triangles(mesh, around, edges, len(keys))
+    share = _share(mesh, triangles, wanted, around)
+    resolved = 1.0 / (1.0 + (share / COARSE) ** POWER)
+    around = corrected_normals(mesh, around, _at_nodes(mesh, resolved))
     middles = unit(around[low] + around[high]).reshape(-1, 3, 3)
-    moves, bulges = (CURVED_SHARE * own for own in curved_offsets(mesh))
-    before = np.concatenate([(moves * around).sum(axis=1)[nodes.T], (bulges * middles).sum(axis=2).T])
-    missing = wanted - triangles.gradients(before)
-    rough = triangles.squares(missing)
-    triangles = triangles.weighted(rough / (rough + np.radians(ROUGH) ** 2))
-    right, inverse = triangles.collected(triangles.turned(missing)), 1.0 / triangles.diagonal()
+    triangles, wanted = _triangles(mesh, around, edges, len(keys))
+    triangles = triangles.weighted(RESOLVED * resolved + NOISY * share)
+    right, inverse = triangles.collected(triangles.turned(wanted)), 1.0 / triangles.diagonal()
     piece = mesh.pieces.piece[mesh.node_vertex]
     found = _solved(triangles.product, right, inverse, np.concatenate([piece, piece[keys // mesh.node_count]]))
     more = (found[triangles.unknowns[3:]] * triangles.kept[3:]).T
-    return moves + found[: mesh.node_count, None] * around, bulges + more[:, :, None] * middles
+    return found[: mesh.node_count, None] * around, more[:, :, None] * middles
+
+
+def _share(mesh: TriangleMesh, triangles: _Triangles, wanted: Array, around: Array) -> Array:
+    """R of each triangle, (T,): which share of the differences between normals the curved surface leaves."""
+    moves, bulges = curved_offsets(mesh)
+    middles = unit(around[mesh.nodes] + np.roll(around[mesh.nodes], -1, axis=1))
+    own = np.concatenate([(moves * around).sum(axis=1)[mesh.nodes.T], (bulges * middles).sum(axis=2).T])
+    left, flat = triangles.squares(wanted - triangles.gradients(own)), triangles.squares(wanted)
+    for _ in range(RINGS):
+        left, flat = (_at_nodes(mesh, values)[mesh.nodes].mean(axis=1) for values in (left, flat))
+    return np.asarray(np.sqrt(left / np.maximum(flat, STRAIGHT**2)))
+
+
+def _at_nodes(mesh: TriangleMesh, values: Array) -> Array:
+    """Means at the nodes, (N,), of what the triangles around them have, (T,)."""
+    around = np.bincount(mesh.nodes.ravel(), minlength=mesh.node_count)
+    total = np.bincount(mesh.nodes.ravel(), values.repeat(3), mesh.node_count)
+    means: Array = total / np.maximum(around, 1)
+    return means
 
 
 def _triangles(mesh: TriangleMesh, around: Array, edges: Indices, edge_count: int) -> tuple[_Triangles, Array]:
@@ -155,10 +187,10 @@ def _triangles(mesh: TriangleMesh, around: Array, edges: Indices, edge_count: in
     slopes = np.stack([np.roll(y, -1, axis=0) - np.roll(y, 1, axis=0), np.roll(x, 1, axis=0) - np.roll(x, -1, axis=0)])
     own = around[mesh.nodes]
     along = np.einsum("tkd,td->kt", own, normals)
-    least = along.min(axis=0)
-    sure = (least >= np.cos(np.radians(STEEPEST))) & np.isfinite(double)
-    angle = np.degrees(np.arccos(np.clip(least, -1.0, 1.0)))
-    weight = np.where(sure, SMOOTHNESS * areas * np.maximum(1.0 - (angle / UNSURE) ** 2, 0.0) ** 2, 0.0)
+    steep = np.zeros(mesh.node_count, dtype=bool)
+    steep[mesh.nodes.T[along < np.cos(np.radians(STEEPEST))]] = True
+    sure = ~steep[mesh.nodes].any(axis=1) & np.isfinite(double)
+    weight = np.where(sure, areas, 0.0)
     unsure = np.zeros(edge_count, dtype=bool)
     unsure[edges[~sure]] = True
     unknowns = np.concatenate([mesh.nodes.T, mesh.node_count + edges.T])

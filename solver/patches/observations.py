@@ -25,13 +25,15 @@ from .patches import Patches
 
 ANY_DEGREE = 30
 SMALL_PATCH = 100
+SMALL_FAIR_PATCH = 75
+"""Patches with fewer vertices are observed densely; a fair surface that bends says more of what lies between."""
 SMALL_PATCH_DEGREE = 7
 CENTROID_WEIGHT = 0.5
 SMOOTH_CENTROID_WEIGHT = 1.0
 """Of smooth patches, which miss the input by the sag of its triangles.  A weight of 1.5 would integrate the square of
 that; less keeps vertices closer to the input.  Where a patch rounds a crease off, more than 1/2 would move it away."""
-SHARP_DEGREES = 60.0
-"""A patch is smooth where its triangles make no larger angle than this."""
+SHARP_DEGREES, FLAT_DEGREES = 60.0, 0.01
+"""A patch is smooth, and it is flat, where its triangles make no larger angle than this."""
 SMALL_PATCH_INSIDE_WEIGHT = 1.5
 """Small patches have too few vertices to hold a high degree between them."""
 LIP_WEIGHT = 0.25
@@ -155,7 +157,8 @@ class MeshObservations:
     follow their rows in turn, and there its normals would be degrees off.  Six points of a triangle lie on both sides.
 
     Domains of their own for x, y and z could follow each flat triangle, and the surface would bend at every edge.  So
-    there the points are observed on a fair surface beside the mesh (see `mesh.fairing`).
+    there the points are observed on a fair surface beside the mesh (see `mesh.fairing`), and only flat sides end early:
+    what is left of the error of others is that surface's.
     Refinements towards a tolerance are fitted to what the tolerance is measured from, the triangles themselves.
 
     Attributes
@@ -198,14 +201,15 @@ class MeshObservations:
         self.blending = blending
         self._weights = weights
         lips = _lips(mesh)
-        self.ends_early = _at_creases(lips, patches)
+        bent = np.zeros(len(patches), dtype=bool)
+        if curved:
+            bent = _having(beside_sharp_edges(mesh, FLAT_DEGREES), patches) > 0
+        self.ends_early = _at_creases(lips, patches) & ~bent
         self._blends: dict[int, tuple[Indices, Array]] = {}
-        self._small = np.diff(patches.vertex_offsets) < SMALL_PATCH
-        self._dense = self._small
+        self._small = self._dense = np.diff(patches.vertex_offsets) < np.where(bent, SMALL_FAIR_PATCH, SMALL_PATCH)
         self._inside = inside
         sharp = beside_sharp_edges(mesh, SHARP_DEGREES)
-        bent = sharp[patches.mesh_triangles]
-        self._smooth = np.bincount(patches.triangle_patch, weights=bent, minlength=len(patches)) == 0.0
+        self._smooth = _having(sharp, patches) == 0
         lips &= inside
         lips[mesh.nodes[sharp]] = False  # of noise, more than sag would be followed
         self._node_weights = np.where(lips, LIP_WEIGHT, 1.0)
@@ -382,6 +386,11 @@ def _lips(mesh: TriangleMesh) -> Booleans:
         split[mesh.node_vertex[len(mesh.vertices) :]] = True
     lips: Booleans = split[mesh.node_vertex]
     return lips
+
+
+def _having(triangles: Booleans, patches: Patches) -> Indices:
+    """How many of some triangles, (T,), each patch has, (K,)."""
+    return np.bincount(patches.triangle_patch[triangles[patches.mesh_triangles]], minlength=len(patches))
 
 
 def _at_creases(lips: Booleans, patches: Patches) -> Booleans:

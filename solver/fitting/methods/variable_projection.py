@@ -34,8 +34,8 @@ ANNEALING_STEPS = 8
 PROXIMITY_DECAY = 0.26
 RIGIDITY_DECAY = 0.37
 """Factors of beta1 and beta2 from one of the annealing steps to the next."""
-SEPARATE_RIGIDITY_DECAY = 0.4
-"""The same of beta2 with a domain for each coordinate: freer ones follow the noise of single vertices."""
+SEPARATE_RIGIDITY_DECAY = 0.25
+"""The same of beta2 with a domain for each coordinate: what these follow on a mesh is fair."""
 RESELECT_AT = (0, 2)
 """Annealing steps before which the functions are chosen again."""
 SETTLED = 0.05

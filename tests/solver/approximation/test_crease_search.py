@@ -9,6 +9,7 @@ from sparse_surface.benchmarks.generated_models import cube, cylinder, flower, s
 from sparse_surface.solver import InputError, Settings, SettingsError, approximate
 from sparse_surface.solver.mesh.potential_creases import dihedrals, potential_creases
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh, cut_along
+from sparse_surface.solver.settings import PRESETS
 
 Indices = NDArray[np.int64]
 QUICK = {"workers": 1, "sweeps": 0, "iterations": 4}
@@ -51,6 +52,24 @@ def test_noise_on_a_sphere_has_none() -> None:
     rough = vertices + np.random.default_rng(0).normal(scale=0.05, size=vertices.shape)
     assert potential_creases(build_mesh(rough, faces)).edges.any()
     assert not found(rough, faces, iterations=2)
+
+
+def folded_sheet(cells: int, slope: float) -> tuple[NDArray[np.float64], Indices]:
+    """A gently waved square of quads, folded along its middle row of edges."""
+    y, x = np.mgrid[0 : cells + 1, 0 : cells + 1] / cells
+    height = 0.05 * np.sin(3.0 * x) * np.cos(2.0 * y) - slope * np.abs(x - 0.5)
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1)
+    return np.stack([x, y, height], axis=-1).reshape(-1, 3), quads.reshape(-1, 4)
+
+
+@pytest.mark.parametrize(("cells", "edges"), [(24, 24), (30, 0)])
+def test_creases_are_the_same_however_closely_patches_are_fitted(cells: int, edges: int) -> None:
+    """A fold of 44 degrees lies between the two: with its own settings *precise* would cut both."""
+    sheet = folded_sheet(cells, 0.4)
+    creases = found(*sheet)
+    assert len(creases) == edges
+    assert found(*sheet, **PRESETS["precise"]) == creases
 
 
 def test_a_crease_that_fades_is_cut_as_far_as_it_bends_and_ends_smoothly() -> None:

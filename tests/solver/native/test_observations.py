@@ -33,6 +33,7 @@ CASES = {
     "creases": {"cut": True},
     "creases, weighted, dense and uniform": {"cut": True, "kind": "uniform", "weighted": True, "dense": True},
     "creases, vertices alone": {"cut": True, "inside": False},
+    "a domain for each coordinate": {"domains": "separate", "cut": True, "weighted": True, "dense": True},
 }
 
 
@@ -48,8 +49,10 @@ class Case:
         ring: int = 4,
         degree: int = 6,
         cut: bool = False,
+        domains: str = "common",
     ) -> None:
-        self.settings = Settings(ring=ring, degree=degree, iterations=4, blending=kind, workers=1).resolved()  # type: ignore[arg-type]
+        settings = {"ring": ring, "degree": degree, "blending": kind, "domains": domains}
+        self.settings = Settings.from_dict({**settings, "iterations": 4, "workers": 1}).resolved()
         self.mesh: TriangleMesh = build_mesh(*cylinder())
         if cut:
             self.mesh = cut_along(self.mesh, dihedrals(self.mesh) > 45.0)
@@ -57,7 +60,8 @@ class Case:
         self.blending = blending_weights(self.mesh, self.patches, kind)
         rng = np.random.default_rng(3)
         weights = rng.random(len(self.mesh.vertices)) if weighted else None
-        self.observations = MeshObservations(self.mesh, self.patches, self.blending, kind, weights, inside)
+        curved = self.settings.channels == 3
+        self.observations = MeshObservations(self.mesh, self.patches, self.blending, kind, weights, inside, curved)
         if dense:
             self.observations = self.observations.with_dense(rng.random(len(self.patches)) < 0.5)
         self.observed = self.observations.natively(self.domains)
@@ -121,12 +125,17 @@ def test_remainders_and_blends_are_those_of_numpy(name: str) -> None:
     np.testing.assert_allclose(blended, after, rtol=1e-12, atol=1e-13)
 
 
-def test_a_task_fits_the_same_bytes_gathered_here_or_in_full() -> None:
-    case = Case()
-    task = case.task(np.arange(len(case.patches)))
-    for one, other in zip(fit_natively(task), fit_natively(task.in_full()), strict=True):
-        assert one.values.tobytes() == other.values.tobytes()
-        assert one.domain.tobytes() == other.domain.tobytes()
+@pytest.mark.parametrize("domains", ["common", "separate"])
+def test_a_task_fits_the_same_bytes_gathered_here_or_in_full(domains: str) -> None:
+    case = Case(domains=domains)
+    chunk = np.arange(len(case.patches))
+    first = case.task(chunk)
+    points = case.observations.points
+    again = case.task(chunk, Remainder(fit_natively(first), Blend(points, points + 0.01), ANTI_DRIFT))
+    for task in (first, again):
+        for one, other in zip(fit_natively(task), fit_natively(task.in_full()), strict=True):
+            for name in ("values", "initial_domain", "domain", "support", "coefficients", "energy"):
+                assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
 
 
 def test_whoever_looks_at_the_surface_while_it_is_solved_does_not_change_it() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sparse_surface.benchmarks.generated_models import cube, cylinder
+from sparse_surface.benchmarks.generated_models import cube, cylinder, sphere
 from sparse_surface.solver.approximation.patched_surface import cover
 from sparse_surface.solver.mesh.potential_creases import beside_sharp_edges, dihedrals
 from sparse_surface.solver.mesh.triangle_mesh import TriangleMesh, build_mesh, cut_along
@@ -87,3 +87,16 @@ def test_observing_more_densely_keeps_numbers() -> None:
     own = denser.of_patch(large(patches)[0])
     faces = np.diff(patches.triangle_offsets)[large(patches)[0]]
     assert (own.shares[-6 * faces :] > 0.0).all()
+
+
+def test_a_fair_surface_is_observed_less_densely() -> None:
+    """Five rings on a sphere have about 90 vertices; a surface that is fair says more of what lies between."""
+    mesh = build_mesh(*sphere(12))
+    patches = cover(mesh, 5)
+    size, faces = np.diff(patches.vertex_offsets), np.diff(patches.triangle_offsets)
+    assert ((size > 75) & (size < 100)).sum() > 5
+    weights = blending_weights(mesh, patches, "partition")
+    for curved, enough in ((False, 100), (True, 75)):
+        observations = MeshObservations(mesh, patches, weights, "partition", curved=curved)
+        inside = np.array([len(observations.of_patch(k).number) for k in range(len(patches))]) - size
+        np.testing.assert_array_equal(inside, np.where(size < enough, 6, 1) * faces)
