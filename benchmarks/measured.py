@@ -34,6 +34,8 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 FILE = CHECKOUT / "docs" / "measured.json"
 ROUNDING = 1e-9
 """Errors of planes, in shares of the longest side, are smaller."""
+LARGE = 50_000
+"""Vertices of a mesh whose memory is not lost in that of the loaded libraries."""
 MARK = re.compile(r"(<!--measured:(?P<key>[^>]+?)-->)(?P<text>.*?)(<!--/measured-->)", re.DOTALL)
 
 
@@ -90,6 +92,12 @@ def _changed(what: str, column: str) -> Any:
 def _growth(tables: Tables) -> dict[str, float]:
     one = tables["sizes"].only(workers="1")
     return {"creased_terrain": growth_exponent(one.numbers("vertices"), one.numbers("total"))}
+
+
+def _memory(tables: Tables) -> dict[str, float]:
+    sizes = tables["sizes"]
+    both = zip(sizes.numbers("vertices"), sizes.numbers("peak memory, MB"), strict=True)
+    return {f"{count:,.0f}": 1000.0 * megabytes / count for count, megabytes in both if count >= LARGE}
 
 
 def growth_exponent(vertices: list[float], units: list[float]) -> float:
@@ -151,6 +159,7 @@ FIGURES = {
     ),
     "automatic sparsity, time": Figure("times the time", _ABLATION, _changed("automatic sparsity", "units")),
     "second worker, speed": Figure("times as fast", ("stages",), _ratio(_ONE, _TWO, "total", "total")),
+    "memory of a vertex": Figure("kB", ("sizes",), _memory),
     "growth": Figure("exponent of the number of vertices", ("sizes",), _growth, 2),
     "libraries, time": Figure("times the time", ("libraries",), _columns("libraries", "times faster")),
     "distances, rms": Figure("% from MeshLab's", ("distances",), _rms_beside_meshlab, 1),
@@ -228,7 +237,8 @@ def shown(key: str, tables: Tables) -> str:
         raise KeyError(f"no figure or table '{name}'")
     if not place:
         return "\n" + tables[name].markdown(columns)
-    return tables[name].cell(*place)
+    row, *column = place  # a column's name may have slashes of its own
+    return tables[name].cell(row, " / ".join(column))
 
 
 def filled(text: str, tables: Tables) -> str:

@@ -64,6 +64,8 @@ def test_figures_are_what_a_reader_computes_from_the_tables() -> None:
         ("vertices", "workers", "total"), tuple(zip(("10", "100", "1,000"), ("1", "1", "1"), squares, strict=True))
     )
     assert measured.shown("growth", {"sizes": sizes}) == "2.00"
+    memory = Table(("vertices", "peak memory, MB"), (("1,000", "40"), ("100,000", "250"), ("1,000,000", "2,300")))
+    assert measured.shown("memory of a vertex", {"sizes": memory}) == "2.3 to 2.5"
 
 
 def test_marks_show_figures_tables_columns_and_cells() -> None:
@@ -76,6 +78,8 @@ def test_marks_show_figures_tables_columns_and_cells() -> None:
         "| cube | 4.00 |\n| cube | 3.00 |\n| bunny | 450 |\n<!--/measured-->"
     )
     assert measured.shown("stages", tables).startswith("\n| model | workers | solve | sweeps |\n")
+    with_slashes = Table(("cloud", "rms / max"), (("ball", "1 / 2"),))
+    assert measured.shown("clouds / ball / rms / max", {"clouds": with_slashes}) == "1 / 2"
     for unknown in ("other", "stages / cube / solve", "stages / cat / solve", "stages / bunny / none", "stages | none"):
         with pytest.raises(KeyError):
             measured.shown(unknown, tables)
