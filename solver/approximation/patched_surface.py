@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from ..arrays import Array, Booleans, Indices, offsets_of, slices_of, sum_of
-from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at
+from ..fitting.chunks import ChunkTask, PatchFit, chunk_patches, chunk_task, problems_of, values_at, with_values_at
 from ..fitting.gathered import MeshTask, Remainder, Task, joined_values
 from ..fitting.methods.variable_projection import EARLY_MISFIT
 from ..mesh.triangle_mesh import TriangleMesh
@@ -151,8 +151,7 @@ class PatchedSurface(Generic[Observing]):
     def refit(self, which: Indices, observations: Observing) -> Iterator[int]:
         """Fit some patches by themselves to other observations; yields how many each step has fitted."""
         self.observations = observations
-        tasks = (self._task(chunk, self.settings) for chunk in self._chunks(which))
-        yield from self._fitted(tasks)
+        yield from self._fitted(self._task(chunk, self.settings) for chunk in self._chunks(which))
 
     def refit_oscillating(self, test: OscillationTest[Observing]) -> Iterator[int]:
         """Refit patches that oscillate between their observations; yields how many each step has fitted.
@@ -216,17 +215,19 @@ class PatchedSurface(Generic[Observing]):
 
     def observe(self, observations: Observing) -> None:
         """Change what is observed, and evaluate the fits there; the fits themselves stay."""
-        self.restore(
-            [replace(fit, values=self.values_at(k, observations.of_patch(k))) for k, fit in enumerate(self.fits)],
-            observations,
-        )
+        each = enumerate(self.fits)
+        self.restore([with_values_at(fit, observations.of_patch(k), self.settings) for k, fit in each], observations)
 
     def restore(self, fits: list[PatchFit], observations: Observing) -> None:
-        """Take earlier fits of all patches, and the observations that they were fitted to."""
+        """Take earlier fits of all patches, evaluated where these have been observed more densely since then."""
         self.observations = observations
-        if any(fit is not own for fit, own in zip(fits, self._fits, strict=True)):
+        changed = [k for k, (fit, own) in enumerate(zip(fits, self._fits, strict=True)) if fit is not own]
+        if changed:
             self._outdate()
-        self._fits = list(fits)
+            self._fits = list(fits)
+        for k in changed:
+            if len(fits[k].values) != len(observations.blend_of(k)[0]):
+                self._fits[k] = with_values_at(fits[k], observations.of_patch(k), self.settings)
 
     def values_at(self, patch: int, observations: PatchObservations) -> Array:
         """A fitted patch's own surface at observations of its triangles, (N, 3), scene units."""
@@ -357,11 +358,10 @@ class PatchedSurface(Generic[Observing]):
             points, weights = given.values, given.weights
         else:
             each = [self.observations.of_patch(int(patch)) for patch in patches]
-            own = [fitting_weights(one.blending, one.weights, self.settings.blending) for one in each]
             points = self.observations.points[np.concatenate([one.number for one in each])]
-            weights = np.concatenate(own)
-        squares = weights * sum_of((joined_values(fits) - points) ** 2)
-        total = np.add.reduceat(weights, offsets)
+            kind = self.settings.blending
+            weights = np.concatenate([fitting_weights(one.blending, one.weights, kind) for one in each])
+        squares, total = weights * sum_of((joined_values(fits) - points) ** 2), np.add.reduceat(weights, offsets)
         return np.add.reduceat(squares, offsets) * scale**2 / np.where(total > 0.0, total, 1.0)
 
     def _sweep_task(self, chunk: Indices) -> Task:

@@ -5,7 +5,7 @@ A chunk's fits are a pure function of its task: the same bytes in any process an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -236,6 +236,11 @@ def values_at(fit: PatchFit, observations: PatchObservations, settings: Settings
     support = fit.support.reshape(count, 3 // count, -1)
     coefficients = fit.coefficients.reshape(count, 3 // count, -1)
     return _in_scene_units(dictionary.sparse_values(support, coefficients, place[:, :, None]), fit.frames)
+
+
+def with_values_at(fit: PatchFit, observations: PatchObservations, settings: Settings) -> PatchFit:
+    """The same fit with its values at other observations of its triangles."""
+    return replace(fit, values=values_at(fit, observations, settings))
 
 
 def _in_scene_units(values: Array, frames: list[Frame]) -> Array:

@@ -217,6 +217,7 @@ class Blend:
 
     def exchange(self, where: Blends, before: Array | None, after: Array) -> None:
         """Replace the part of some patches; without values before, (N, 3), that part is the data."""
+        _check_count(where.number, after, after if before is None else before)
         places = c_int64(len(where.number)), *(c_void_p(_address(own)) for own in where[1:])
         values = c_void_p(_address(before)), c_void_p(_address(after))
         function("exchange")(*places, *values, byref(self._native))
@@ -224,6 +225,7 @@ class Blend:
     def take_remainder(self, given: Gathered, fitted: Array, anti_drift: float) -> None:
         """Turn values and weights into those of a sweep, where the patches' values are `fitted`, (N, 3), so far."""
         offsets, number, blending = given.blends
+        _check_count(number, fitted)
         where = c_void_p(_address(number)), c_void_p(_address(blending)), byref(self._native)
         values = c_void_p(_address(fitted)), c_double(anti_drift), *map(c_void_p, map(_address, given[-2:]))
         count = c_int64(len(offsets) - 1)
@@ -232,3 +234,9 @@ class Blend:
     @property
     def _native(self) -> _Blended:
         return _Blended(_address(self.points), _address(self.blended))
+
+
+def _check_count(number: Indices, *values: Array) -> None:
+    """Refuse values of other observations: the kernel would read past their end."""
+    if any(len(each) != len(number) for each in values):
+        raise ValueError(f"there are {len(number)} observations and values of {', '.join(str(len(v)) for v in values)}")

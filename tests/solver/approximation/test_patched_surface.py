@@ -6,11 +6,13 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.special import eval_legendre
 from sparse_surface.benchmarks.generated_models import cube
 from sparse_surface.solver import FINISH, Settings, run_to_end
 from sparse_surface.solver.approximation import patched_surface as module
 from sparse_surface.solver.approximation.patched_surface import PatchedSurface
 from sparse_surface.solver.approximation.runner import ChunkRunner
+from sparse_surface.solver.fitting.chunks import PatchFit
 from sparse_surface.solver.mesh.triangle_mesh import build_mesh
 from sparse_surface.solver.patches.observations import MeshObservations
 
@@ -30,6 +32,15 @@ def surface() -> PatchedSurface[MeshObservations]:
     made = covered()
     assert run_to_end(made.fit()) is False
     return made
+
+
+def by_scipy(fit: PatchFit, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """A patch's surface at parameters in its frame, (N, 3), by SciPy's Legendre polynomials."""
+    degrees = [(total - j, j) for total in range(SETTINGS.degree + 1) for j in range(total + 1)]
+    functions = np.array([eval_legendre(i, u / 1.05) * eval_legendre(j, v / 1.05) for i, j in degrees])
+    each = zip(fit.coefficients, fit.support, strict=True)
+    sums = [coefficients[which >= 0] @ functions[which[which >= 0]] for coefficients, which in each]
+    return np.stack(sums, axis=1) / fit.frames[0].scale + fit.frames[0].origin
 
 
 def moved_domains(surface) -> np.ndarray:
@@ -52,6 +63,23 @@ def test_a_refit_changes_only_the_patches_that_were_named(surface) -> None:
     assert sum(surface.refit(which, surface.observations)) == 2
     changed = [new is not old for old, new in zip(before, surface.fits, strict=True)]
     assert np.flatnonzero(changed).tolist() == which.tolist()
+
+
+def test_earlier_fits_are_evaluated_where_their_patches_are_observed_now(surface) -> None:
+    """A patch that was observed more densely in vain keeps its first fit, with values for a sweep to begin with."""
+    first, largest = surface.fits, int(np.argmax(np.diff(surface.patches.vertex_offsets)))
+    dense = surface.observations.with_dense(np.arange(len(first)) == largest)
+    assert sum(surface.refit(np.array([largest]), dense)) == 1
+    surface.restore(first, surface.observations)
+    for k, (fit, before) in enumerate(zip(surface.fits, first, strict=True)):
+        assert len(fit.values) == len(dense.of_patch(k).number)
+        assert (fit is before) == (k != largest)
+    fit, before, own = surface.fits[largest], first[largest], dense.of_patch(largest)
+    np.testing.assert_array_equal(fit.coefficients, before.coefficients)
+    vertices = int(np.diff(surface.patches.vertex_offsets)[largest])
+    np.testing.assert_allclose(fit.values[:vertices], before.values[:vertices], atol=1e-12)
+    u, v = np.einsum("nk,nkd->dn", own.shares, fit.domain[0][own.corners])
+    np.testing.assert_allclose(fit.values, by_scipy(fit, u, v), atol=1e-12)
 
 
 def test_an_oscillation_test_sees_each_refit_before_it_decides_again(surface) -> None:

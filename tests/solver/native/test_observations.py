@@ -123,6 +123,13 @@ def test_remainders_and_blends_are_those_of_numpy(name: str) -> None:
     moved = [replace(fit, values=1.5 * fit.values) for fit in fits]
     Blend(points, blended).exchange(case.observed.blends(chunk), joined_values(fits), joined_values(moved))
     np.testing.assert_allclose(blended, after, rtol=1e-12, atol=1e-13)
+    before, fewer = blended.copy(), joined_values(fits)[:-6]
+    for values in ((fewer, joined_values(moved)), (None, fewer)):
+        with pytest.raises(ValueError, match="observations and values of"):
+            Blend(points, blended).exchange(case.observed.blends(chunk), *values)
+    with pytest.raises(ValueError, match="observations and values of"):
+        Blend(points, blended).take_remainder(case.observed.gather(chunk, fitting=False), fewer, ANTI_DRIFT)
+    np.testing.assert_array_equal(blended, before)
 
 
 @pytest.mark.parametrize("domains", ["common", "separate"])
