@@ -15,6 +15,7 @@ typedef struct {
 typedef struct {
     const int64_t *vertex_offsets, *vertices, *nodes;               /* (K + 1), (M), (M) */
     const int64_t *triangle_offsets, *triangles, *mesh_triangles;   /* (K + 1), (S, 3), (S) */
+    const int64_t *corners;                                         /* (S, 3): triangles as the mesh turns them */
     const double *positions, *points, *domains;                     /* (V, 3), (O, 3), (M, 2) */
     const double *blending;                                         /* (M) */
     const double *vertex_weights; /* (V), or NULL for ones */
@@ -87,7 +88,7 @@ static int64_t put_observations(const Observed *observed, const Gathered *own, i
         const Inside *inside = observed->inside + (observed->dense[patch] || observed->closely[triangle]);
         double weight = inside->count ? observed->inside_weights[patch] / (double)inside->count : 0.0;
         for (int64_t k = 0; k < inside->count; k++, n++) {
-            put_observation(observed, own, n, first_vertex, observed->triangles + 3 * t, inside->shares + 3 * k,
+            put_observation(observed, own, n, first_vertex, observed->corners + 3 * t, inside->shares + 3 * k,
                             inside->first[triangle] + k, weight);
             if (observed->overlap) own->blending[n] = 1.0 / (double)observed->overlap[triangle];
         }

@@ -36,7 +36,7 @@ class _Inside(Structure):
 class _Observed(Structure):
     _fields_ = (
         *((name, c_void_p) for name in ("vertex_offsets", "vertices", "nodes")),
-        *((name, c_void_p) for name in ("triangle_offsets", "triangles", "mesh_triangles")),
+        *((name, c_void_p) for name in ("triangle_offsets", "triangles", "mesh_triangles", "corners")),
         *((name, c_void_p) for name in ("positions", "points", "domains", "blending", "vertex_weights")),
         *((name, c_void_p) for name in ("overlap", "dense", "closely", "node_weights", "inside_weights")),
         ("inside", _Inside * 2),
@@ -107,6 +107,8 @@ class Observed:
     ----------
     vertex_offsets, vertices, nodes, triangle_offsets, triangles, mesh_triangles
         The patches, as in `patches.patches.Patches`.
+    corners
+        Their triangles from the mesh triangles' own first corner on, (S, 3).
     positions, points
         The mesh's vertices, (V, 3), and the observed points, (O, 3).
     domains, blending
@@ -131,6 +133,7 @@ class Observed:
     triangle_offsets: Indices
     triangles: Indices
     mesh_triangles: Indices
+    corners: Indices
     positions: Array
     points: Array
     domains: Array
@@ -149,7 +152,7 @@ class Observed:
         """The structure that the kernel takes, and the arrays that it points at."""
         whole = (self.vertex_offsets, self.vertices, self.nodes, self.triangle_offsets, self.triangles)
         arrays: list[NDArray[Any] | None] = [
-            *(np.ascontiguousarray(own, dtype=np.int64) for own in (*whole, self.mesh_triangles)),
+            *(np.ascontiguousarray(own, dtype=np.int64) for own in (*whole, self.mesh_triangles, self.corners)),
             *(np.ascontiguousarray(own) for own in (self.positions, self.points, self.domains, self.blending)),
             None if self.vertex_weights is None else np.ascontiguousarray(self.vertex_weights),
             None if self.overlap is None else np.ascontiguousarray(self.overlap, dtype=np.int64),

@@ -21,7 +21,7 @@ from ..mesh.potential_creases import beside_sharp_edges
 from ..mesh.sampling import CENTROID, SURFACE_SAMPLES, middles_of, points_inside
 from ..mesh.triangle_mesh import TriangleMesh
 from ..native.observations import Inside, Observed
-from .patches import Patches
+from .patches import Patches, corners_as_in_mesh
 
 ANY_DEGREE = 30
 SMALL_PATCH = 100
@@ -198,18 +198,17 @@ class MeshObservations:
         self.degrees = np.full(len(patches), ANY_DEGREE)
         self.patches, self.vertices = patches, mesh.vertices
         self.sizes = np.diff(patches.vertex_offsets) + np.diff(patches.triangle_offsets)
-        self.blending = blending
-        self._weights = weights
+        self.blending, self._weights = blending, weights
         lips = _lips(mesh)
         bent = np.zeros(len(patches), dtype=bool)
         if curved:
             bent = _having(beside_sharp_edges(mesh, FLAT_DEGREES), patches) > 0
         self.ends_early = _at_creases(lips, patches) & ~bent
+        self._corners = corners_as_in_mesh(mesh, patches)
         self._blends: dict[int, tuple[Indices, Array]] = {}
         self._small = self._dense = np.diff(patches.vertex_offsets) < np.where(bent, SMALL_FAIR_PATCH, SMALL_PATCH)
         self._inside = inside
-        sharp = beside_sharp_edges(mesh, SHARP_DEGREES)
-        self._smooth = _having(sharp, patches) == 0
+        self._smooth = _having(sharp := beside_sharp_edges(mesh, SHARP_DEGREES), patches) == 0
         lips &= inside
         lips[mesh.nodes[sharp]] = False  # of noise, more than sag would be followed
         self._node_weights = np.where(lips, LIP_WEIGHT, 1.0)
@@ -297,6 +296,7 @@ class MeshObservations:
             patches.triangle_offsets,
             patches.triangles,
             patches.mesh_triangles,
+            self._corners,
             self.vertices,
             self.points,
             domains,
@@ -349,7 +349,7 @@ class MeshObservations:
         """Observations of one patch: its vertices, then the points inside its triangles."""
         vertices = slice(*self.patches.vertex_offsets[patch : patch + 2])
         faces = slice(*self.patches.triangle_offsets[patch : patch + 2])
-        triangles, mesh_triangles = self.patches.triangles[faces], self.patches.mesh_triangles[faces]
+        triangles, mesh_triangles = self._corners[faces], self.patches.mesh_triangles[faces]
         nodes, count = self.patches.nodes[vertices], vertices.stop - vertices.start
         at, samples, closely = self._places_inside(mesh_triangles, bool(self._dense[patch]))
         corners = np.concatenate([np.arange(count)[:, None].repeat(3, axis=1), triangles[at]])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..arrays import Booleans, Indices, offsets_of, row_positions
+from ..arrays import Booleans, Indices, offsets_of, row_positions, rows_in_order
 from ..mesh.normals import triangle_areas
 from ..mesh.topology import solve_winding
 from ..mesh.triangle_mesh import TriangleMesh
@@ -102,6 +102,17 @@ class Patches:
         passed = self.passed_through | vertices
         distance = np.where(passed[self.vertices], 0, self.rim_distance)
         return replace(self, passed_through=passed, rim_distance=distance)
+
+
+def corners_as_in_mesh(mesh: TriangleMesh, patches: Patches) -> Indices:
+    """Triangles as local vertex numbers of their patch, (S, 3), from the mesh triangles' own first corner on.
+
+    Barycentric coordinates of a mesh triangle are those of its corners in this order: patches turn some triangles.
+    """
+    if (mesh.winding == 1).all():
+        return patches.triangles
+    own = patches.nodes[patches.block_triangles]
+    return rows_in_order(patches.triangles, own, mesh.nodes[patches.mesh_triangles])
 
 
 def build_patches(

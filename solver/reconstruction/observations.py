@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Indices, offsets_of, row_positions, rows_in_order
+from ..arrays import Array, Indices, offsets_of, row_positions
 from ..mesh.closest_points import Footpoints
 from ..mesh.sampling import SURFACE_SAMPLES
 from ..mesh.triangle_mesh import TriangleMesh
 from ..patches.observations import PatchObservations
-from ..patches.patches import Patches
+from ..patches.patches import Patches, corners_as_in_mesh
 from ..settings import Settings
 from .tangent_planes import TangentPlanes
 
@@ -156,8 +156,7 @@ class CloudObservations:
         self.degrees = degrees
         self.ends_early = np.zeros(len(patches), dtype=bool)
         self._blends: dict[int, tuple[Indices, Array]] = {}
-        own = patches.vertices[patches.block_triangles]
-        self._corners = rows_in_order(patches.triangles, own, mesh.triangles[patches.mesh_triangles])
+        self._corners = corners_as_in_mesh(mesh, patches)
         overlap = np.bincount(patches.mesh_triangles, minlength=len(mesh.triangles))
         self._overlap = overlap if kind == "uniform" else None
 

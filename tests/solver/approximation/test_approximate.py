@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sparse_surface.benchmarks.generated_models import cube, cylinder, flower, l_solid, moebius, sphere, tetrahedron
-from sparse_surface.solver import InputError, Settings, SettingsError, approximate
+from sparse_surface.solver import PRESETS, InputError, Settings, SettingsError, approximate
 from sparse_surface.solver.mesh.sampling import SURFACE_SAMPLES
 from sparse_surface.solver.surface.metrics import surface_error
 
@@ -170,6 +170,22 @@ def test_a_cube_that_is_cut_at_its_edges_is_exact(change):
     assert report["creases"]["share_at_edge"] > 0.999999
     assert report["relative"]["surface_rms"] <= 1e-12
     assert report["relative"]["surface_max"] <= 1e-11
+
+
+@pytest.mark.parametrize("preset", ["default", "precise"])
+@pytest.mark.parametrize("solver", ["native", "numpy"])
+def test_facets_that_run_either_way_round_fit_as_well(solver, preset):
+    """Files that were merged or repaired have such facets; a mesh without an orientation always does."""
+    vertices, corners = cube(8)
+    vertices = vertices + 0.05 * np.sin(3.0 * vertices[:, [1, 2, 0]])
+    corners = np.asarray(corners)
+    which = np.random.default_rng(0).random(len(corners)) < 0.5
+    reversed_ = np.where(which[:, None], corners[:, ::-1], corners)
+    settings = Settings.from_dict({**PRESETS[preset], "workers": 1, "solver": solver})
+    before, after = (approximate(vertices, each, settings).report for each in (corners, reversed_))
+    assert after["creases"]["edges"] == before["creases"]["edges"] > 0
+    for name in ("surface_rms", "surface_max"):
+        assert after["relative"][name] <= 1.1 * before["relative"][name], name
 
 
 def test_float32_stays_float32_and_is_what_is_measured():

@@ -33,8 +33,15 @@ CASES = {
     "creases": {"cut": True},
     "creases, weighted, dense and uniform": {"cut": True, "kind": "uniform", "weighted": True, "dense": True},
     "creases, vertices alone": {"cut": True, "inside": False},
+    "turned triangles": {"turned": True, "cut": True, "weighted": True, "dense": True},
     "a domain for each coordinate": {"domains": "separate", "cut": True, "weighted": True, "dense": True},
 }
+
+
+def some_turned(triangles: np.ndarray) -> np.ndarray:
+    """Triangles of which a third run the other way round."""
+    which = np.random.default_rng(4).random(len(triangles)) < 1 / 3
+    return np.where(which[:, None], triangles[:, [0, 2, 1]], triangles)
 
 
 class Case:
@@ -50,10 +57,13 @@ class Case:
         degree: int = 6,
         cut: bool = False,
         domains: str = "common",
+        turned: bool = False,
     ) -> None:
         settings = {"ring": ring, "degree": degree, "blending": kind, "domains": domains}
         self.settings = Settings.from_dict({**settings, "iterations": 4, "workers": 1}).resolved()
         self.mesh: TriangleMesh = build_mesh(*cylinder())
+        if turned:
+            self.mesh = build_mesh(self.mesh.vertices, some_turned(self.mesh.triangles))
         if cut:
             self.mesh = cut_along(self.mesh, dihedrals(self.mesh) > 45.0)
         self.patches, self.domains = with_domains(self.mesh, cover(self.mesh, ring), self.settings)
@@ -100,6 +110,21 @@ def test_gathered_places_are_those_of_numpy(name: str) -> None:
         own, (number, blending) = slice(*where.offsets[k : k + 2]), case.observations.blend_of(int(patch))
         np.testing.assert_array_equal(where.number[own], number)
         np.testing.assert_allclose(where.blending[own], blending, rtol=1e-13, atol=1e-16)
+
+
+@pytest.mark.parametrize("cut", [False, True])
+@pytest.mark.parametrize("turned", [False, True])
+def test_each_observed_point_lies_where_its_shares_say(turned: bool, cut: bool) -> None:
+    """However the triangles of the mesh are turned, a parameter and its point are one place."""
+    case = Case(turned=turned, cut=cut, dense=True)
+    assert (case.mesh.winding == 1).all() != turned
+    chunk = np.arange(len(case.patches))
+    for problem in [
+        *case.task(chunk).in_full().problems,
+        *chunk_task(case.observations, case.domains, case.settings, chunk).problems,
+    ]:
+        places = np.einsum("nk,nkd->nd", problem.shares, problem.signals[problem.corners])
+        np.testing.assert_allclose(places, problem.values, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", CASES)
