@@ -8,6 +8,7 @@
                                                          as in CI: no failure if no Blender is found, times are judged
                                                          as on a machine that others use, too, and what does nothing
                                                          but measure them runs in the first Blender only
+    python scripts/test_window.py --begin-within 1200    begin no script after twenty minutes, and name those left out
 
 The Blender is the executable that the environment variable BLENDER names (it needs a display), or else the tool
 ../shared/tools/real-blender in its versions 5.2 and 4.3.  The extension is installed from the built zip into an empty
@@ -17,6 +18,7 @@ user folder, and each script gets a Blender of its own.  Pictures and logs are l
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 import shutil
@@ -139,9 +141,12 @@ def prepare() -> None:
 
 
 def run_scripts(
-    blender: Executable | ToolVersion, scripts: list[Path], extra: Sequence[str] = ()
+    blender: Executable | ToolVersion, scripts: list[Path], extra: Sequence[str] = (), until: float = math.inf
 ) -> list[tuple[str, int, float]]:
-    """Install the extension afresh, run every script with `extra`; return name, exit code and seconds of each."""
+    """Install the extension afresh, run every script with `extra`; return name, exit code and seconds of each.
+
+    None begins after `until`, by the monotonic clock; those that are left out are named.
+    """
     place = OUT / blender.name
     shutil.rmtree(place, ignore_errors=True)
     home = place / "home"
@@ -149,6 +154,9 @@ def run_scripts(
     blender.install(build(blender.zip_kind, place), home)
     outcomes = []
     for script in scripts:
+        if time.monotonic() > until:
+            print(f"{blender.name}  {script.stem}: left out, for lack of time", flush=True)
+            continue
         folder = place / script.stem
         folder.mkdir()
         start = time.perf_counter()
@@ -178,6 +186,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--where-available", action="store_true", help="do not fail where a Blender cannot be had")
     parser.add_argument("--shared-machine", action="store_true", help="let others' work come between in what is timed")
     parser.add_argument("--measure-once", action="store_true", help="measure times in the first Blender only")
+    late = "begin no script later, and name those that are left out"
+    parser.add_argument("--begin-within", type=float, default=math.inf, metavar="SECONDS", help=late)
     parser.add_argument("--prepare", action="store_true", help="install the Blenders and run nothing")
     options = parser.parse_args(arguments)
     if options.prepare:
@@ -187,6 +197,7 @@ def main(arguments: list[str] | None = None) -> int:
     scripts = [SCRIPTS / f"{name}.py" for name in options.scripts or every if name not in options.but]
     codes: list[int] = []
     missing: list[str] = []
+    until = time.monotonic() + options.begin_within
     try:
         for blender in blenders():
             try:
@@ -194,13 +205,13 @@ def main(arguments: list[str] | None = None) -> int:
             except Unavailable as error:
                 missing.append(f"{blender.name}: {error}")
                 continue
-            codes += [code for _, code, _ in run_scripts(blender, scripts, extra)]
+            codes += [code for _, code, _ in run_scripts(blender, scripts, extra, until)]
             if options.measure_once:
                 scripts = [script for script in scripts if script.stem not in MEASURING]
     except (BuildError, WheelError, OSError, subprocess.SubprocessError) as error:
         print(error, file=sys.stderr)
         return 1
-    if not codes and not missing:
+    if not codes and not missing and time.monotonic() <= until:
         missing.append("there is no Blender with a window; name one with BLENDER=/path/to/blender")
     for reason in missing:
         print(f"Window tests were not run: {reason}", file=sys.stderr)

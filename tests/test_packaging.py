@@ -330,6 +330,19 @@ def test_window_scripts_can_be_left_out(
     assert lines[-1] == f"{2 * len(run)} passed, 0 failed"
 
 
+def test_window_scripts_for_which_there_is_no_time_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    window = window_tests(tmp_path, monkeypatch, scripts_end_with=1)
+    assert window.main(["test_quit", "test_job", "--begin-within", "-1"]) == 0
+    said = capsys.readouterr()
+    names = [f"blender-{version}  {name}" for version in window.TOOL_VERSIONS for name in ("test_quit", "test_job")]
+    assert said.out.splitlines() == [f"{name}: left out, for lack of time" for name in names]
+    assert said.err == ""
+    assert window.main(["test_quit", "--begin-within", "600"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "0 passed, 2 failed"
+
+
 def test_wheel_of_the_library_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     source, files = tmp_path / "source", script("build_extension").package_files()
     needed = [*(CHECKOUT / "solver" / "native").glob("*.[ch]"), *(CHECKOUT / "scripts").glob("build_*.py")]
